@@ -1,0 +1,1 @@
+"""Readers that turn files into one `Sequence`, the types themselves, and the simulator."""

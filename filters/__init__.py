@@ -1,0 +1,1 @@
+"""Earth model, sensor models, strapdown mechanisation and the error-state filter."""

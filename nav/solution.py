@@ -1,0 +1,139 @@
+"""What a run produces: the trajectory of the IMU with covariance, and the log of every update."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from filters.rotation import FloatArray
+
+#: Kinds of update the pipeline offers to the filter.
+UPDATE_KINDS = ("position", "velocity")
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Navigation solution of the IMU, one row per output epoch.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        GPS time [s].
+    pos_e, vel_e : ndarray, shape (n, 3)
+        ECEF position [m] and velocity [m/s] of the IMU.
+    C_eb : ndarray, shape (n, 3, 3)
+        Attitude: ``C_eb @ x_b == x_e``.
+    gyro_bias, accel_bias : ndarray, shape (n, 3)
+        [rad/s], [m/s²], body axes: measured − true.
+    cov_pos_n, cov_vel_n, cov_att_n : ndarray, shape (n, 3, 3)
+        Covariance of position [m²], velocity [m²/s²] and attitude error vector [rad²] in
+        north-east-down axes. The attitude error vector is the small rotation about north, east
+        and down from the estimated to the true attitude; its down component is the heading error.
+    std_gyro_bias, std_accel_bias : ndarray, shape (n, 3)
+        1σ of the biases.
+    """
+
+    time: FloatArray
+    pos_e: FloatArray
+    vel_e: FloatArray
+    C_eb: FloatArray
+    gyro_bias: FloatArray
+    accel_bias: FloatArray
+    cov_pos_n: FloatArray
+    cov_vel_n: FloatArray
+    cov_att_n: FloatArray
+    std_gyro_bias: FloatArray
+    std_accel_bias: FloatArray
+
+    def __len__(self) -> int:
+        return self.time.size
+
+
+@dataclass(frozen=True)
+class Update:
+    """One measurement offered to the filter, and what became of it.
+
+    Parameters
+    ----------
+    time : float
+        GPS time [s].
+    kind : str
+        'position', 'velocity' …
+    satellites : tuple of str
+        Satellites behind it; empty when unknown or when none.
+    whitened : tuple of float
+        Innovation times the inverse Cholesky factor of its covariance: independent and of unit
+        variance when model and noise are right. Empty when the update was not computed.
+    nis : float
+        Normalised innovation squared; NaN when the update was not computed.
+    accepted : bool
+    reason : str
+        Why not accepted; '' when accepted.
+    """
+
+    time: float
+    kind: str
+    satellites: tuple[str, ...] = ()
+    whitened: tuple[float, ...] = ()
+    nis: float = float("nan")
+    accepted: bool = False
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class AlignmentReport:
+    """How the initial attitude was found.
+
+    Parameters
+    ----------
+    status : str
+        'aligned', 'given' or 'failed'.
+    method : str
+        For example 'level+course'.
+    time : float
+        GPS time of the first solution epoch [s].
+    waited : float
+        From the start of the data to `time` [s].
+    sigma_heading : float
+        1σ of the initial heading [rad].
+    message : str
+        One line for people.
+    """
+
+    status: str
+    method: str
+    time: float
+    waited: float
+    sigma_heading: float
+    message: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Epochs:
+    """What GNSS offered, epoch by epoch.
+
+    Parameters
+    ----------
+    time : ndarray, shape (m,)
+        GPS time [s].
+    tracked, usable : ndarray of int, shape (m,)
+        Satellites in the data, and satellites left after screening (with Doppler).
+    """
+
+    time: FloatArray
+    tracked: np.ndarray
+    usable: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Everything one run found out."""
+
+    name: str
+    trajectory: Trajectory
+    updates: tuple[Update, ...]
+    alignment: AlignmentReport
+    epochs: Epochs
+    notes: tuple[str, ...] = ()
+    timing: dict[str, float] = field(default_factory=dict)
