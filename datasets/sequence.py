@@ -194,7 +194,8 @@ class GnssObservations:
     def has_range_rate(self) -> NDArray[np.bool_]:
         """True for usable rows whose range rate and satellite state are known, shape (n,)."""
         state = np.isfinite(self.sat_vel_e).all(1) & np.isfinite(self.sat_clock_drift)
-        return self.usable & np.isfinite(self.range_rate) & state
+        mask: NDArray[np.bool_] = self.usable & np.isfinite(self.range_rate) & state
+        return mask
 
     def epochs(self) -> Iterator[tuple[float, slice]]:
         """Yield the time of each epoch and the slice of its rows."""
