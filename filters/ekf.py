@@ -1,0 +1,173 @@
+"""The error-state Kalman filter: compiled time update, filterpy's measurement update, a gate.
+
+Closed loop: after every accepted update the estimated errors are fed into the state and the
+error state is zero again. filterpy has no innovation test, so it is made here, before the
+update is called.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from filters import _kernels
+from filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
+from filters.errors import DataError
+from filters.measurements import Measurement
+from filters.rotation import FloatArray, matrix_from_rotvec
+from filters.strapdown import InertialStream, NavState
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of one measurement.
+
+    Parameters
+    ----------
+    accepted : bool
+    whitened : ndarray, shape (m,)
+        L⁻¹z with LLᵀ = S = HPHᵀ + R.
+    nis : float
+        Normalised innovation squared, zᵀS⁻¹z.
+    limit : float
+        The gate that `nis` was held against.
+    """
+
+    accepted: bool
+    whitened: FloatArray
+    nis: float
+    limit: float
+
+
+@lru_cache(maxsize=64)
+def gate_limit(dof: int, probability: float) -> float:
+    """Return the χ² value that a correct innovation of `dof` exceeds with `probability`."""
+    from scipy.special import chdtri
+
+    return float(chdtri(dof, probability)) if probability > 0.0 else float("inf")
+
+
+class ErrorStateFilter:
+    """Error-state EKF over an inertial stream.
+
+    Parameters
+    ----------
+    model : ErrorModel
+    stream : InertialStream
+    state : NavState
+        Initial state; its time must lie inside the stream.
+    P : array_like, shape (n, n)
+        Initial error covariance, ordered as in `filters.error_model`.
+    output_interval : float
+        Spacing of recorded rows [s]; 0 records every IMU sample.
+    """
+
+    def __init__(
+        self,
+        model: ErrorModel,
+        stream: InertialStream,
+        state: NavState,
+        P: ArrayLike,
+        output_interval: float = 0.0,
+    ) -> None:
+        from filterpy.kalman import ExtendedKalmanFilter
+
+        n = model.states
+        self.P = np.array(P, dtype=float)
+        if self.P.shape != (n, n) or not np.isfinite(self.P).all():
+            raise DataError(f"filter: expected a finite covariance of shape ({n}, {n})")
+        if not stream.start <= state.time <= stream.end:
+            raise DataError(
+                f"filter: start {state.time:.3f} s is outside the IMU data "
+                f"{stream.start:.3f}…{stream.end:.3f} s"
+            )
+        self.model, self.stream = model, stream
+        self.time = state.time
+        self.pos_e, self.vel_e, self.C_eb = (
+            state.pos_e.copy(),
+            state.vel_e.copy(),
+            state.C_eb.copy(),
+        )
+        self.bias = np.zeros(12)
+        self.omega_b = np.zeros(3)
+        self._noise = model.noise()
+        self._sample = stream.index(state.time)
+        self._period = float(output_interval)
+        self._rows = np.zeros((stream.gyro.shape[0] - self._sample + 1, _kernels.ROW_SIZE))
+        self._rows[0, _kernels.ROW_TIME] = state.time
+        self._cursor = np.array([1.0, state.time + self._period])
+        self._ekf = ExtendedKalmanFilter(dim_x=n, dim_z=3)
+        self._record_now()
+
+    @property
+    def state(self) -> NavState:
+        """The current estimate."""
+        return NavState(self.time, self.pos_e, self.vel_e, self.C_eb)
+
+    @property
+    def rows(self) -> FloatArray:
+        """Recorded rows so far, shape (m, ROW_SIZE), laid out as in `filters._kernels.record`."""
+        return self._rows[: int(self._cursor[0])]
+
+    def propagate(self, until: float) -> None:
+        """Run mechanisation and covariance to `until` [s], splitting the IMU interval there."""
+        if until < self.time - 1e-9:
+            raise DataError(f"filter: cannot go back from {self.time:.6f} to {until:.6f} s")
+        self._sample, omega = _kernels.advance(
+            self.stream.edges, self.stream.gyro, self.stream.accel, self._sample, self.time, until,
+            self.pos_e, self.vel_e, self.C_eb, self.bias, self.P, self._noise,
+            self._rows, self._cursor, self._period,
+        )  # fmt: skip
+        if until > self.time:
+            self.omega_b = omega
+        self.time = min(until, self.stream.end)
+
+    def test(self, measurement: Measurement, gate_probability: float) -> Outcome:
+        """Return whitened innovation and NIS of a measurement, without applying it."""
+        z, H = measurement.z, measurement.H
+        S = H @ self.P @ H.T + measurement.R
+        whitened = np.linalg.solve(np.linalg.cholesky(S), z)
+        nis = float(whitened @ whitened)
+        limit = gate_limit(z.size, gate_probability)
+        return Outcome(nis <= limit, whitened, nis, limit)
+
+    def update(self, measurement: Measurement, gate_probability: float = 0.0) -> Outcome:
+        """Test a measurement and, if it passes, apply it.
+
+        Parameters
+        ----------
+        measurement : Measurement
+        gate_probability : float
+            Probability with which a correct measurement is refused; 0 switches the gate off.
+        """
+        outcome = self.test(measurement, gate_probability)
+        if outcome.accepted:
+            ekf = self._ekf
+            ekf.x, ekf.P = np.zeros(self.model.states), self.P
+            ekf.update(
+                measurement.z,
+                HJacobian=lambda _: measurement.H,
+                Hx=lambda _: np.zeros(measurement.z.size),
+                R=measurement.R,
+            )
+            self.P = 0.5 * (ekf.P + ekf.P.T)
+            self._feed_back(ekf.x)
+            self._record_now()
+        return outcome
+
+    def _feed_back(self, x: FloatArray) -> None:
+        self.pos_e += x[POS]
+        self.vel_e += x[VEL]
+        self.C_eb = np.ascontiguousarray(matrix_from_rotvec(x[ATT]) @ self.C_eb)
+        self.bias[0:3] += x[GYRO_BIAS]
+        self.bias[3:6] += x[ACCEL_BIAS]
+        self.bias[6 : 6 + self.model.states - 15] += x[15:]
+
+    def _record_now(self) -> None:
+        """Overwrite the last row if it is of this instant, so that rows hold what was updated."""
+        row = self._rows[int(self._cursor[0]) - 1]
+        if abs(row[_kernels.ROW_TIME] - self.time) < 1e-6:
+            _kernels.record(row, self.time, self.pos_e, self.vel_e, self.C_eb, self.bias, self.P)

@@ -1,0 +1,105 @@
+"""Measurement models: each returns z, H, R with z = measured − predicted = H δx + noise.
+
+δx is ordered and signed as in `filters.error_model` (true − estimated).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from filters.earth import OMEGA_IE_E, OMEGA_IE_SKEW
+from filters.error_model import ATT, GYRO_BIAS, POS, VEL
+from filters.rotation import FloatArray, skew
+from filters.strapdown import NavState
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """A linearised measurement.
+
+    Parameters
+    ----------
+    z : ndarray, shape (m,)
+        Measured − predicted.
+    H : ndarray, shape (m, n)
+        Derivative with respect to the error state.
+    R : ndarray, shape (m, m)
+        Covariance of the measurement noise.
+    """
+
+    z: FloatArray
+    H: FloatArray
+    R: FloatArray
+
+
+def antenna_position(state: NavState, lever_b: ArrayLike) -> FloatArray:
+    """Return the ECEF position [m] of a point at `lever_b` [m] from the IMU."""
+    return state.pos_e + state.C_eb @ np.asarray(lever_b, dtype=float)
+
+
+def antenna_velocity(state: NavState, omega_b: ArrayLike, lever_b: ArrayLike) -> FloatArray:
+    """Return the ECEF velocity [m/s] of a point at `lever_b` [m] from the IMU.
+
+    `omega_b` is ω_ib^b [rad/s], corrected; the lever turns with ω_eb^b = ω_ib^b − C_be ω_ie.
+    """
+    omega_eb = np.asarray(omega_b, dtype=float) - state.C_eb.T @ OMEGA_IE_E
+    return state.vel_e + state.C_eb @ np.cross(omega_eb, np.asarray(lever_b, dtype=float))
+
+
+def position(
+    state: NavState, states: int, pos_e: ArrayLike, cov_e: ArrayLike, lever_b: ArrayLike
+) -> Measurement:
+    """Antenna position in ECEF.
+
+    Parameters
+    ----------
+    state : NavState
+        Predicted state of the IMU.
+    states : int
+        Length of the error state.
+    pos_e : array_like, shape (3,)
+        Measured antenna position [m].
+    cov_e : array_like, shape (3, 3)
+        [m²].
+    lever_b : array_like, shape (3,)
+        IMU to antenna, body axes [m].
+    """
+    H = np.zeros((3, states))
+    H[:, POS] = np.eye(3)
+    H[:, ATT] = -skew(state.C_eb @ np.asarray(lever_b, dtype=float))
+    z = np.asarray(pos_e, dtype=float) - antenna_position(state, lever_b)
+    return Measurement(z, H, np.asarray(cov_e, dtype=float))
+
+
+def velocity(
+    state: NavState,
+    states: int,
+    vel_e: ArrayLike,
+    cov_e: ArrayLike,
+    lever_b: ArrayLike,
+    omega_b: ArrayLike,
+) -> Measurement:
+    """Antenna velocity in ECEF.
+
+    Parameters
+    ----------
+    state, states, cov_e, lever_b
+        As for `position`; `cov_e` in m²/s².
+    vel_e : array_like, shape (3,)
+        Measured antenna velocity [m/s].
+    omega_b : array_like, shape (3,)
+        ω_ib^b [rad/s], corrected for bias and scale.
+    """
+    lever = np.asarray(lever_b, dtype=float)
+    omega = np.asarray(omega_b, dtype=float)
+    lever_e = state.C_eb @ lever
+    H = np.zeros((3, states))
+    H[:, VEL] = np.eye(3)
+    # C(ω×l) turns with the attitude; the Earth-rate part of ω_eb does not, hence two terms.
+    H[:, ATT] = -skew(state.C_eb @ np.cross(omega, lever)) + OMEGA_IE_SKEW @ skew(lever_e)
+    H[:, GYRO_BIAS] = state.C_eb @ skew(lever)
+    z = np.asarray(vel_e, dtype=float) - antenna_velocity(state, omega, lever)
+    return Measurement(z, H, np.asarray(cov_e, dtype=float))
