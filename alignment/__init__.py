@@ -1,0 +1,1 @@
+"""Alignment of the local (IMU, odometer) frame with the Earth."""

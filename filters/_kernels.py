@@ -50,8 +50,8 @@ def _gravity(p, out):
 
 
 @njit(cache=True)
-def _attitude_step(C, rotvec, dt, work):
-    """C ← exp(−ω_ie dt) C exp(rotvec), in place."""
+def _attitude_step(C, rotvec, dt, R, work):
+    """C ← exp(−ω_ie dt) C R with R = exp(rotvec), in place; R leaves with the body's turn."""
     x, y, z = rotvec[0], rotvec[1], rotvec[2]
     n2 = x * x + y * y + z * z
     if n2 < 1e-8:
@@ -61,15 +61,17 @@ def _attitude_step(C, rotvec, dt, work):
         n = np.sqrt(n2)
         a = np.sin(n) / n
         b = (1.0 - np.cos(n)) / n2
-    r00, r11, r22 = 1.0 - b * (y * y + z * z), 1.0 - b * (x * x + z * z), 1.0 - b * (x * x + y * y)
-    r01, r10 = b * x * y - a * z, b * x * y + a * z
-    r02, r20 = b * x * z + a * y, b * x * z - a * y
-    r12, r21 = b * y * z - a * x, b * y * z + a * x
+    R[0, 0], R[1, 1], R[2, 2] = (
+        1.0 - b * (y * y + z * z),
+        1.0 - b * (x * x + z * z),
+        1.0 - b * (x * x + y * y),
+    )
+    R[0, 1], R[1, 0] = b * x * y - a * z, b * x * y + a * z
+    R[0, 2], R[2, 0] = b * x * z + a * y, b * x * z - a * y
+    R[1, 2], R[2, 1] = b * y * z - a * x, b * y * z + a * x
     for i in range(3):
-        c0, c1, c2 = C[i, 0], C[i, 1], C[i, 2]
-        work[i, 0] = c0 * r00 + c1 * r10 + c2 * r20
-        work[i, 1] = c0 * r01 + c1 * r11 + c2 * r21
-        work[i, 2] = c0 * r02 + c1 * r12 + c2 * r22
+        for j in range(3):
+            work[i, j] = C[i, 0] * R[0, j] + C[i, 1] * R[1, j] + C[i, 2] * R[2, j]
     angle = EARTH_RATE * dt
     s, c = angle, 1.0 - 0.5 * angle * angle
     for j in range(3):
@@ -95,14 +97,15 @@ def _orthonormalise(C, work):
 
 
 @njit(cache=True)
-def strapdown_step(pos, vel, C, omega, force, omega_slope, force_slope, dt, v, work):
+def strapdown_step(pos, vel, C, omega, force, omega_slope, force_slope, dt, v, R, work):
     """Advance position, velocity and attitude in place by `dt`.
 
     `omega` and `force` are means over the step, corrected for bias and scale; the slopes are
     their rates of change, from which coning and sculling follow (Savage 1998, two-sample form:
-    φ = α + α₋×α/12 with α₋ = α − slope·dt²). `v[0]` leaves with the velocity increment in e.
+    φ = α + α₋×α/12 with α₋ = α − slope·dt²). `v[0]` leaves with the velocity increment in body
+    axes at the start of the step, R with the rotation over it.
     """
-    dv_e, rotvec, dv_b, tmp, g = v[0], v[1], v[2], v[3], v[4]
+    dv_b, rotvec, dv_e, tmp, g = v[0], v[1], v[2], v[3], v[4]
     twelfth = dt * dt * dt / 12.0
     _cross(omega, omega_slope, tmp)
     for i in range(3):
@@ -133,7 +136,7 @@ def strapdown_step(pos, vel, C, omega, force, omega_slope, force_slope, dt, v, w
     pos[1] += 0.5 * dt * (vel[1] + new_y)
     pos[2] += 0.5 * dt * (vel[2] + new_z)
     vel[0], vel[1], vel[2] = new_x, new_y, new_z
-    _attitude_step(C, rotvec, dt, work)
+    _attitude_step(C, rotvec, dt, R, work)
 
 
 @njit(cache=True)
@@ -149,14 +152,12 @@ def _gravity_gradient(p, G):
 
 
 @njit(cache=True)
-def _transition(x, out, n, dt, G, dv_e, M, omega, force, decay_gyro, decay_accel):
+def _transition(x, out, n, dt, G, dv_b, C, R, omega, force, scale, decay_gyro, decay_accel):
     """Apply the transition matrix to one error vector: out = Φ x.
 
-    M is C_eb with its first three columns for gyro errors and the next three for accelerometer
-    errors, each already divided by one plus the scale factor of its axis.
+    C is the attitude before the step, R the turn over it; `scale` holds the scale factors.
     """
     w = EARTH_RATE * dt
-    d0, d1, d2 = dv_e[0], dv_e[1], dv_e[2]
     p0, p1, p2, v0, v1, v2, f0, f1, f2 = x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8]
     g0, g1, g2, a0, a1, a2 = x[9], x[10], x[11], x[12], x[13], x[14]
     out[9], out[10], out[11] = decay_gyro * g0, decay_gyro * g1, decay_gyro * g2
@@ -170,26 +171,27 @@ def _transition(x, out, n, dt, G, dv_e, M, omega, force, decay_gyro, decay_accel
         a2 += force[2] * x[20]
         for i in range(15, 21):
             out[i] = x[i]
-    n0 = v0 + 2.0 * w * v1 + (f1 * d2 - f2 * d1)
-    n1 = v1 - 2.0 * w * v0 + (f2 * d0 - f0 * d2)
-    n2 = v2 + (f0 * d1 - f1 * d0)
+    # Velocity increment that is missed, in body axes: φ × Δv − δf Δt.
+    a0 = f1 * dv_b[2] - f2 * dv_b[1] - dt * a0 / (1.0 + scale[3])
+    a1 = f2 * dv_b[0] - f0 * dv_b[2] - dt * a1 / (1.0 + scale[4])
+    a2 = f0 * dv_b[1] - f1 * dv_b[0] - dt * a2 / (1.0 + scale[5])
+    n0 = v0 + 2.0 * w * v1 + C[0, 0] * a0 + C[0, 1] * a1 + C[0, 2] * a2
+    n1 = v1 - 2.0 * w * v0 + C[1, 0] * a0 + C[1, 1] * a1 + C[1, 2] * a2
+    n2 = v2 + C[2, 0] * a0 + C[2, 1] * a1 + C[2, 2] * a2
     n0 += dt * (G[0, 0] * p0 + G[0, 1] * p1 + G[0, 2] * p2)
     n1 += dt * (G[1, 0] * p0 + G[1, 1] * p1 + G[1, 2] * p2)
     n2 += dt * (G[2, 0] * p0 + G[2, 1] * p1 + G[2, 2] * p2)
-    n0 -= dt * (M[0, 3] * a0 + M[0, 4] * a1 + M[0, 5] * a2)
-    n1 -= dt * (M[1, 3] * a0 + M[1, 4] * a1 + M[1, 5] * a2)
-    n2 -= dt * (M[2, 3] * a0 + M[2, 4] * a1 + M[2, 5] * a2)
     out[0] = p0 + 0.5 * dt * (v0 + n0)
     out[1] = p1 + 0.5 * dt * (v1 + n1)
     out[2] = p2 + 0.5 * dt * (v2 + n2)
     out[3], out[4], out[5] = n0, n1, n2
-    out[6] = f0 + w * f1 - dt * (M[0, 0] * g0 + M[0, 1] * g1 + M[0, 2] * g2)
-    out[7] = f1 - w * f0 - dt * (M[1, 0] * g0 + M[1, 1] * g1 + M[1, 2] * g2)
-    out[8] = f2 - dt * (M[2, 0] * g0 + M[2, 1] * g1 + M[2, 2] * g2)
+    out[6] = R[0, 0] * f0 + R[1, 0] * f1 + R[2, 0] * f2 - dt * g0 / (1.0 + scale[0])
+    out[7] = R[0, 1] * f0 + R[1, 1] * f1 + R[2, 1] * f2 - dt * g1 / (1.0 + scale[1])
+    out[8] = R[0, 2] * f0 + R[1, 2] * f1 + R[2, 2] * f2 - dt * g2 / (1.0 + scale[2])
 
 
 @njit(cache=True)
-def covariance_step(P, A, dt, G, dv_e, M, omega, force, noise):
+def covariance_step(P, A, dt, G, dv_b, C, R, omega, force, scale, noise):
     """P ← Φ P Φᵀ + Q in place; P symmetric, A scratch of the same shape.
 
     `noise`: densities squared of gyro, accelerometer, gyro bias walk, accelerometer bias walk,
@@ -198,12 +200,12 @@ def covariance_step(P, A, dt, G, dv_e, M, omega, force, noise):
     n = P.shape[0]
     dg, da = np.exp(-dt * noise[4]), np.exp(-dt * noise[5])
     for j in range(n):  # rows of A are Φ applied to the columns of P: A = (Φ P)ᵀ
-        _transition(P[j], A[j], n, dt, G, dv_e, M, omega, force, dg, da)
+        _transition(P[j], A[j], n, dt, G, dv_b, C, R, omega, force, scale, dg, da)
     for i in range(n):
         for j in range(i):
             A[i, j], A[j, i] = A[j, i], A[i, j]
     for i in range(n):
-        _transition(A[i], P[i], n, dt, G, dv_e, M, omega, force, dg, da)
+        _transition(A[i], P[i], n, dt, G, dv_b, C, R, omega, force, scale, dg, da)
     for i in range(n):
         for j in range(i):
             P[i, j] = P[j, i]
@@ -277,12 +279,14 @@ def advance(edges, gyro, accel, k, now, until, pos, vel, C, bias, P, noise, rows
     with_covariance = n > 0
     A = np.empty((n, n))
     G = np.zeros((3, 3))
-    M = np.empty((3, 6))
+    C_before = np.empty((3, 3))
+    R = np.empty((3, 3))
     v = np.empty((5, 3))
     work = np.empty((3, 3))
     omega, force = np.zeros(3), np.zeros(3)
     omega_slope, force_slope = np.zeros(3), np.zeros(3)
     bg, ba, sg, sa = bias[0:3], bias[3:6], bias[6:9], bias[9:12]
+    scale = bias[6:12]
     last = gyro.shape[0]
     steps = 0
     if with_covariance:
@@ -297,13 +301,14 @@ def advance(edges, gyro, accel, k, now, until, pos, vel, C, bias, P, noise, rows
             _sample(accel, k, edges, offset, ba, sa, force, force_slope)
             for i in range(3):
                 for j in range(3):
-                    M[i, j] = C[i, j] / (1.0 + sg[j])
-                    M[i, 3 + j] = C[i, j] / (1.0 + sa[j])
-            strapdown_step(pos, vel, C, omega, force, omega_slope, force_slope, dt, v, work)
+                    C_before[i, j] = C[i, j]
+            strapdown_step(pos, vel, C, omega, force, omega_slope, force_slope, dt, v, R, work)
             if with_covariance:
-                covariance_step(P, A, dt, G, v[0], M, omega, force, noise)
+                covariance_step(P, A, dt, G, v[0], C_before, R, omega, force, scale, noise)
             for i in range(3):
                 omega[i] += 0.5 * dt * omega_slope[i]
+                bg[i] *= np.exp(-dt * noise[4])
+                ba[i] *= np.exp(-dt * noise[5])
             now = b
             steps += 1
             if steps % 500 == 0:

@@ -47,7 +47,8 @@ def ecef_to_lla(pos_e: ArrayLike) -> FloatArray:
     """Return latitude [rad], longitude [rad] and ellipsoidal height [m], shape (..., 3)."""
     p = np.asarray(pos_e, dtype=float)
     lla = pymap3d.ecef2geodetic(p[..., 0], p[..., 1], p[..., 2], deg=False)
-    return np.stack([np.asarray(v, dtype=float) for v in lla], axis=-1)
+    # pymap3d returns some outputs of a one-element array as scalars.
+    return np.stack([np.reshape(v, p.shape[:-1]).astype(float) for v in lla], axis=-1)
 
 
 def C_en_at(lat: ArrayLike, lon: ArrayLike) -> FloatArray:

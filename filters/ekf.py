@@ -161,7 +161,7 @@ class ErrorStateFilter:
     def _feed_back(self, x: FloatArray) -> None:
         self.pos_e += x[POS]
         self.vel_e += x[VEL]
-        self.C_eb = np.ascontiguousarray(matrix_from_rotvec(x[ATT]) @ self.C_eb)
+        self.C_eb = np.ascontiguousarray(self.C_eb @ matrix_from_rotvec(x[ATT]))
         self.bias[0:3] += x[GYRO_BIAS]
         self.bias[3:6] += x[ACCEL_BIAS]
         self.bias[6 : 6 + self.model.states - 15] += x[15:]

@@ -1,16 +1,24 @@
 """Error states of the ECEF mechanisation: their order, their dynamics, their noise.
 
-Errors are true − estimated; the attitude error φ is a small rotation in e axes:
+Errors are true − estimated; the attitude error φ is a small rotation in *body* axes:
 
-    C_eb(true) = (I + [φ×]) C_eb(estimated),    bias(true) = bias + δb
+    C_eb(true) = C_eb(estimated) (I + [φ×]),    bias(true) = bias + δb
 
     δp' = δv
-    δv' = −[f_e×]φ − 2[ω_ie×]δv + (∂g/∂p)δp − C_eb δf
-    φ'  = −[ω_ie×]φ − C_eb δω
+    δv' = −C_eb [f×]φ − C_eb δf − 2[ω_ie×]δv + (∂g/∂p)δp
+    φ'  = −[ω_ib×]φ − δω
 
-with δf = δb_a + diag(f)δs_a and δω = δb_g + diag(ω)δs_g, each over one plus its scale factor
-(Groves 2013, section 14.2.3, with the signs of the definitions above). Biases are first-order
-Gauss–Markov processes, or random walks when their correlation time is infinite.
+with δf = δb_a + diag(f)δs_a and δω = δb_g + diag(ω)δs_g, each over one plus its scale factor.
+
+Body axes, because the tightest knowledge of an INS is how tilt and accelerometer bias belong
+together. With both in body axes that relation does not contain the heading; with φ in e axes an
+initial heading error of a few degrees spoils it for good, and the covariance turns optimistic
+(seen as attitude NEES of 5 instead of 3; compare Barrau and Bonnabel 2017, invariant filtering).
+
+A bias is a turn-on constant plus an in-run Gauss–Markov part (σ, τ). One state per axis cannot
+be both. 'random-walk' keeps the constant and lets the bias wander as the in-run part does over
+times shorter than τ (density σ√(2/τ)); 'gauss-markov' lets the whole bias decay with τ, which is
+right where the turn-on part has been calibrated away.
 """
 
 from __future__ import annotations
@@ -39,14 +47,25 @@ class ErrorModel:
     imu : ImuSpec
     states : {15, 21}
         21 adds gyro and accelerometer scale factors.
+    bias_model : {'random-walk', 'gauss-markov'}
     """
 
     imu: ImuSpec
     states: int = 15
+    bias_model: str = "random-walk"
 
     def __post_init__(self) -> None:
         if self.states not in (15, 21):
             raise ConfigError(f"states: expected 15 or 21, found {self.states}")
+        if self.bias_model not in ("random-walk", "gauss-markov"):
+            raise ConfigError(
+                f"bias_model: expected 'random-walk' or 'gauss-markov', found '{self.bias_model}'"
+            )
+
+    @property
+    def bias_decay_rate(self) -> float:
+        """Inverse correlation time of the bias states [1/s]; 0 for random walks."""
+        return 1.0 / self.imu.bias_correlation_time_s if self.bias_model == "gauss-markov" else 0.0
 
     def noise(self) -> FloatArray:
         """Return squared noise densities and inverse correlation times as the kernels take them."""
@@ -59,18 +78,18 @@ class ErrorModel:
                 spec.bias_walk_density(spec.accel_bias_sigma),
             ]
         )
-        return np.concatenate([densities**2, np.full(2, 1.0 / spec.bias_correlation_time_s)])
+        return np.concatenate([densities**2, np.full(2, self.bias_decay_rate)])
 
     def initial_covariance(
-        self, pos_cov_e: ArrayLike, vel_cov_e: ArrayLike, att_cov_e: ArrayLike
+        self, pos_cov_e: ArrayLike, vel_cov_e: ArrayLike, att_cov_b: ArrayLike
     ) -> FloatArray:
-        """Return P, shape (n, n), from the navigation blocks (ECEF) and the sensor's spreads.
+        """Return P, shape (n, n), from the navigation blocks and the sensor's spreads.
 
         The bias block is turn-on and in-run variance together.
         """
         spec = self.imu
         P = np.zeros((self.states, self.states))
-        P[POS, POS], P[VEL, VEL], P[ATT, ATT] = pos_cov_e, vel_cov_e, att_cov_e
+        P[POS, POS], P[VEL, VEL], P[ATT, ATT] = pos_cov_e, vel_cov_e, att_cov_b
         gyro = spec.gyro_bias_initial_sigma**2 + spec.gyro_bias_sigma**2
         accel = spec.accel_bias_initial_sigma**2 + spec.accel_bias_sigma**2
         P[GYRO_BIAS, GYRO_BIAS] = np.eye(3) * gyro
@@ -104,19 +123,19 @@ class ErrorModel:
         scale : array_like, shape (6,)
             Scale factors of gyro and accelerometer.
         """
-        C = np.array(C_eb, dtype=float)
+        C, R, work = np.array(C_eb, dtype=float), np.empty((3, 3)), np.empty((3, 3))
         omega, force = np.asarray(omega_b, dtype=float), np.asarray(force_b, dtype=float)
-        divisor = 1.0 + np.asarray(scale, dtype=float)
-        M = np.hstack([C, C]) / divisor
+        pos, vel, v, zero = np.array(pos_e, dtype=float), np.zeros(3), np.empty((5, 3)), np.zeros(3)
         G = np.zeros((3, 3))
-        _kernels._gravity_gradient(np.asarray(pos_e, dtype=float), G)
-        v, work, zero = np.empty((5, 3)), np.empty((3, 3)), np.zeros(3)
-        pos, vel = np.array(pos_e, dtype=float), np.zeros(3)
-        _kernels.strapdown_step(pos, vel, C, omega, force, zero, zero, dt, v, work)
-        decay = float(np.exp(-dt / self.imu.bias_correlation_time_s))
-        phi = np.empty((self.states, self.states))
-        out = np.empty(self.states)
+        _kernels._gravity_gradient(pos, G)
+        before = C.copy()
+        _kernels.strapdown_step(pos, vel, C, omega, force, zero, zero, dt, v, R, work)
+        decay = float(np.exp(-dt * self.bias_decay_rate))
+        phi, out = np.empty((self.states, self.states)), np.empty(self.states)
         for j, unit in enumerate(np.eye(self.states)):
-            _kernels._transition(unit, out, self.states, dt, G, v[0], M, omega, force, decay, decay)
+            _kernels._transition(
+                unit, out, self.states, dt, G, v[0], before, R, omega, force,
+                np.asarray(scale, dtype=float), decay, decay,
+            )  # fmt: skip
             phi[:, j] = out
         return phi

@@ -69,7 +69,7 @@ def position(
     """
     H = np.zeros((3, states))
     H[:, POS] = np.eye(3)
-    H[:, ATT] = -skew(state.C_eb @ np.asarray(lever_b, dtype=float))
+    H[:, ATT] = -state.C_eb @ skew(lever_b)
     z = np.asarray(pos_e, dtype=float) - antenna_position(state, lever_b)
     return Measurement(z, H, np.asarray(cov_e, dtype=float))
 
@@ -95,11 +95,12 @@ def velocity(
     """
     lever = np.asarray(lever_b, dtype=float)
     omega = np.asarray(omega_b, dtype=float)
-    lever_e = state.C_eb @ lever
     H = np.zeros((3, states))
     H[:, VEL] = np.eye(3)
-    # C(ω×l) turns with the attitude; the Earth-rate part of ω_eb does not, hence two terms.
-    H[:, ATT] = -skew(state.C_eb @ np.cross(omega, lever)) + OMEGA_IE_SKEW @ skew(lever_e)
+    # C(ω×l) turns with the attitude; so does Cl in the Earth-rate part ω_ie × Cl.
+    H[:, ATT] = -state.C_eb @ skew(np.cross(omega, lever)) + OMEGA_IE_SKEW @ state.C_eb @ skew(
+        lever
+    )
     H[:, GYRO_BIAS] = state.C_eb @ skew(lever)
     z = np.asarray(vel_e, dtype=float) - antenna_velocity(state, omega, lever)
     return Measurement(z, H, np.asarray(cov_e, dtype=float))

@@ -1,8 +1,11 @@
-"""A driven, turning, tilted state for derivative tests."""
+"""A driven, turning, tilted state for derivative tests, and a drive for the filter."""
 
 import numpy as np
 import pytest
 
+from datasets.gpstime import from_week_sow
+from datasets.street_network import RouteConfig, drive
+from datasets.trajectory import Trajectory
 from filters import earth
 from filters.rotation import matrix_from_rpy
 from filters.strapdown import NavState
@@ -14,3 +17,17 @@ def moving_state() -> NavState:
     C_en = earth.C_en_at(lat, lon)
     C_eb = C_en @ matrix_from_rpy(np.radians([3.0, -4.0, 137.0]))
     return NavState(1000.0, earth.lla_to_ecef(lat, lon, 25.0), C_eb @ [14.0, 0.3, -0.2], C_eb)
+
+
+@pytest.fixture(scope="session")
+def city_drive() -> Trajectory:
+    """Ten minutes of city driving: stops, turns, hills; the IMU sits ahead of the rear axle."""
+    route = drive(RouteConfig(duration=610.0, static_start=20.0), np.random.default_rng(42))
+    return Trajectory(
+        from_week_sow(2129, 180000.0),
+        route.time,
+        route.pos_t,
+        route.rpy,
+        (np.radians(30.53), np.radians(114.36), 25.0),
+        lever_imu_v=(1.2, 0.1, -0.8),
+    )

@@ -20,11 +20,11 @@ def perturbed_step(state, x, dt):
     The measured rates stay what they are; bias and scale errors change what is made of them.
     """
     pos, vel = state.pos_e + x[0:3], state.vel_e + x[3:6]
-    C = matrix_from_rotvec(x[6:9]) @ state.C_eb
+    C = state.C_eb @ matrix_from_rotvec(x[6:9])
     measured = np.concatenate([OMEGA, FORCE]) * (1 + SCALE)
     corrected = (measured - x[9:15]) / (1 + SCALE + x[15:21])
-    zero, v, work = np.zeros(3), np.empty((5, 3)), np.empty((3, 3))
-    _kernels.strapdown_step(pos, vel, C, corrected[:3], corrected[3:], zero, zero, dt, v, work)
+    zero, v, R, work = np.zeros(3), np.empty((5, 3)), np.empty((3, 3)), np.empty((3, 3))
+    _kernels.strapdown_step(pos, vel, C, corrected[:3], corrected[3:], zero, zero, dt, v, R, work)
     return pos, vel, C
 
 
@@ -35,7 +35,7 @@ def numeric_transition(state, dt):
     for j, step in enumerate(steps):
         ends = [perturbed_step(state, sign * step * np.eye(21)[j], dt) for sign in (1, -1)]
         (p1, v1, C1), (p0, v0, C0) = ends
-        skewed = C1 @ C0.T
+        skewed = C0.T @ C1
         phi = np.array(
             [skewed[2, 1] - skewed[1, 2], skewed[0, 2] - skewed[2, 0], skewed[1, 0] - skewed[0, 1]]
         )
@@ -88,13 +88,15 @@ def test_covariance_step_is_phi_p_phi_t_plus_q(moving_state, states):
     diagonal[3:15] = np.repeat([noise[1], noise[0], noise[2], noise[3]], 3) * dt
     expected += np.diag(diagonal)
 
-    G, v, work = np.zeros((3, 3)), np.empty((5, 3)), np.empty((3, 3))
+    G, v, R, work = np.zeros((3, 3)), np.empty((5, 3)), np.empty((3, 3)), np.empty((3, 3))
     _kernels._gravity_gradient(moving_state.pos_e, G)
     pos, vel, C = moving_state.pos_e.copy(), moving_state.vel_e.copy(), moving_state.C_eb.copy()
-    M = np.hstack([C, C])
-    _kernels.strapdown_step(pos, vel, C, OMEGA, FORCE, np.zeros(3), np.zeros(3), dt, v, work)
-    actual = P.copy()
-    _kernels.covariance_step(actual, np.empty_like(P), dt, G, v[0], M, OMEGA, FORCE, noise)
+    zero = np.zeros(6)
+    _kernels.strapdown_step(pos, vel, C, OMEGA, FORCE, zero[:3], zero[:3], dt, v, R, work)
+    actual, scratch = P.copy(), np.empty_like(P)
+    _kernels.covariance_step(
+        actual, scratch, dt, G, v[0], moving_state.C_eb, R, OMEGA, FORCE, zero, noise
+    )
     np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-24)
     np.testing.assert_array_equal(actual, actual.T)
 
@@ -102,7 +104,7 @@ def test_covariance_step_is_phi_p_phi_t_plus_q(moving_state, states):
 def test_gauss_markov_bias_keeps_its_variance():
     """Decay and driving noise balance: the in-run σ is stationary."""
     spec = imu_preset("adis16470")
-    model = ErrorModel(spec)
+    model = ErrorModel(spec, bias_model="gauss-markov")
     sigma = spec.gyro_bias_sigma
     decay = model.transition_matrix(np.array([6378137.0, 0, 0]), np.eye(3), OMEGA, FORCE, 1.0)[9, 9]
     driven = decay**2 * sigma**2 + model.noise()[2] * 1.0
@@ -118,3 +120,15 @@ def test_initial_covariance_blocks_and_state_count():
     np.testing.assert_allclose(P[GYRO_BIAS, GYRO_BIAS], np.eye(3) * expected)
     with pytest.raises(ConfigError, match="15 or 21"):
         ErrorModel(spec, 17)
+    with pytest.raises(ConfigError, match="random-walk"):
+        ErrorModel(spec, bias_model="constant")
+
+
+def test_random_walk_bias_grows_as_the_in_run_bias_begins_to():
+    """Over a time short against τ both models let the same variance in, and nothing decays."""
+    spec = imu_preset("adis16470")
+    walk, markov = ErrorModel(spec), ErrorModel(spec, bias_model="gauss-markov")
+    np.testing.assert_array_equal(walk.noise()[:4], markov.noise()[:4])
+    assert walk.noise()[4] == 0.0 < markov.noise()[4]
+    phi = walk.transition_matrix(np.array([6378137.0, 0, 0]), np.eye(3), OMEGA, FORCE, 100.0)
+    np.testing.assert_array_equal(phi[GYRO_BIAS, GYRO_BIAS], np.eye(3))

@@ -18,7 +18,7 @@ def moved(state, x):
         state,
         pos_e=state.pos_e + x[0:3],
         vel_e=state.vel_e + x[3:6],
-        C_eb=matrix_from_rotvec(x[6:9]) @ state.C_eb,
+        C_eb=state.C_eb @ matrix_from_rotvec(x[6:9]),
     )
 
 

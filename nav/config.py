@@ -1,0 +1,261 @@
+"""Configuration of a run: frozen dataclasses, TOML in and out, unknown keys refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from filters.errors import ConfigError, DataError
+from filters.sensors import PRESETS
+
+T = TypeVar("T")
+
+
+def _choice(key: str, value: str, allowed: Iterable[str]) -> None:
+    allowed = tuple(allowed)
+    if value not in allowed:
+        raise ConfigError(f"{key}: expected one of {', '.join(allowed)}; found '{value}'")
+
+
+def _positive(key: str, value: float, zero: bool = False) -> None:
+    if not (value >= 0.0 if zero else value > 0.0):
+        raise ConfigError(f"{key}: expected a number {'≥' if zero else '>'} 0, found {value}")
+
+
+@dataclass(frozen=True)
+class AlignmentConfig:
+    """Initial attitude.
+
+    Parameters
+    ----------
+    method : {'auto', 'level+course', 'given'}
+        'auto': 'given' when a heading is given, else levelling (at rest if there is one, in
+        motion otherwise) and the course of the GNSS velocity as heading.
+    min_speed_mps : float
+        Speed from which the course is taken as heading.
+    roll_deg, pitch_deg, heading_deg : float, optional
+        The given attitude, at the first epoch with a position and a velocity.
+    sigma_level_deg, sigma_heading_deg : float
+        1σ of a given attitude; lower bounds for a found one.
+    """
+
+    method: str = "auto"
+    min_speed_mps: float = 3.0
+    roll_deg: float | None = None
+    pitch_deg: float | None = None
+    heading_deg: float | None = None
+    sigma_level_deg: float = 0.5
+    sigma_heading_deg: float = 2.0
+
+    def __post_init__(self) -> None:
+        _choice("alignment.method", self.method, ("auto", "level+course", "given"))
+        _positive("alignment.min_speed_mps", self.min_speed_mps)
+        _positive("alignment.sigma_level_deg", self.sigma_level_deg)
+        _positive("alignment.sigma_heading_deg", self.sigma_heading_deg)
+        angles = (self.roll_deg, self.pitch_deg, self.heading_deg)
+        if self.method == "given" and None in angles:
+            raise ConfigError(
+                "alignment.method: 'given' needs alignment.roll_deg, pitch_deg and heading_deg"
+            )
+
+
+@dataclass(frozen=True)
+class FilterConfig:
+    """Error-state filter.
+
+    Parameters
+    ----------
+    states : {15, 21}
+        21 estimates scale factors too.
+    bias_model : {'random-walk', 'gauss-markov'}
+        See `filters.error_model`.
+    imu : str
+        IMU preset that replaces the one the sequence declares; '' keeps it.
+    gate_probability : float
+        Probability with which a correct measurement is refused; 0 switches the gates off.
+    output_rate_hz : float
+        Rate of ``solution.csv``; 0 writes every IMU sample.
+    """
+
+    states: int = 15
+    bias_model: str = "random-walk"
+    imu: str = ""
+    gate_probability: float = 1e-4
+    output_rate_hz: float = 10.0
+
+    def __post_init__(self) -> None:
+        if self.states not in (15, 21):
+            raise ConfigError(f"filter.states: expected 15 or 21, found {self.states}")
+        _choice("filter.bias_model", self.bias_model, ("random-walk", "gauss-markov"))
+        if self.imu and self.imu not in PRESETS:
+            raise ConfigError.unknown_key(self.imu, PRESETS, where="filter.imu")
+        if not 0.0 <= self.gate_probability < 1.0:
+            raise ConfigError(
+                f"filter.gate_probability: expected 0 ≤ p < 1, found {self.gate_probability}"
+            )
+        _positive("filter.output_rate_hz", self.output_rate_hz, zero=True)
+
+
+@dataclass(frozen=True)
+class GnssConfig:
+    """What GNSS contributes, and what is screened out first.
+
+    Parameters
+    ----------
+    position : {'auto', 'spp', 'carried', 'none'}
+        Single-point positions computed by RTKLIB, or positions the set carries; 'auto' takes the
+        carried ones if there are any.
+    velocity : {'auto', 'doppler', 'carried', 'none'}
+        Least squares from Doppler, or velocities the set carries; 'auto' prefers Doppler.
+    elevation_mask_deg : float
+        Satellites below are not used.
+    min_cn0_dbhz : float
+        Signals weaker than this are not used.
+    ionosphere : {'broadcast', 'off'}
+    troposphere : {'saastamoinen', 'off'}
+        Corrections of single-point positioning.
+    raim : bool
+        Fault detection and exclusion of single-point positioning.
+    position_sigma_scale, velocity_sigma_scale : float
+        Factor on the standard deviations of positions and velocities.
+    position_sigma_floor_m, velocity_sigma_floor_mps : float
+        Lower bounds of those standard deviations, per axis.
+    """
+
+    position: str = "auto"
+    velocity: str = "auto"
+    elevation_mask_deg: float = 10.0
+    min_cn0_dbhz: float = 25.0
+    ionosphere: str = "broadcast"
+    troposphere: str = "saastamoinen"
+    raim: bool = True
+    position_sigma_scale: float = 1.0
+    velocity_sigma_scale: float = 1.0
+    position_sigma_floor_m: float = 0.02
+    velocity_sigma_floor_mps: float = 0.02
+
+    def __post_init__(self) -> None:
+        _choice("gnss.position", self.position, ("auto", "spp", "carried", "none"))
+        _choice("gnss.velocity", self.velocity, ("auto", "doppler", "carried", "none"))
+        _choice("gnss.ionosphere", self.ionosphere, ("broadcast", "off"))
+        _choice("gnss.troposphere", self.troposphere, ("saastamoinen", "off"))
+        for name in ("position_sigma_scale", "velocity_sigma_scale"):
+            _positive(f"gnss.{name}", getattr(self, name))
+        for name in ("position_sigma_floor_m", "velocity_sigma_floor_mps", "min_cn0_dbhz"):
+            _positive(f"gnss.{name}", getattr(self, name), zero=True)
+        if not -90.0 <= self.elevation_mask_deg < 90.0:
+            raise ConfigError(
+                f"gnss.elevation_mask_deg: expected −90 … 90, found {self.elevation_mask_deg}"
+            )
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything in force during a run.
+
+    Parameters
+    ----------
+    alignment, filter, gnss
+        See there.
+    data : mapping
+        Options of the reader, such as ``lever = "figure"``; the reader refuses unknown ones.
+    """
+
+    alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
+    filter: FilterConfig = field(default_factory=FilterConfig)
+    gnss: GnssConfig = field(default_factory=GnssConfig)
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+
+def _section(cls: type[T], table: Mapping[str, Any], where: str) -> T:
+    """Build the dataclass `cls` from a table, checking keys and types."""
+    known = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    values = {}
+    for key, value in table.items():
+        if key not in known:
+            raise ConfigError.unknown_key(key, known, where=where)
+        default = known[key].default
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        wants_number = default is None or (
+            isinstance(default, (int, float)) and not isinstance(default, bool)
+        )
+        fits = number if wants_number else isinstance(value, type(default))
+        if not fits:
+            wanted = "number" if wants_number else type(default).__name__
+            raise ConfigError(f"{where}.{key}: expected a {wanted}, found {value!r}")
+        values[key] = float(value) if isinstance(default, float) or default is None else value
+    return cls(**values)
+
+
+def from_tables(tables: Mapping[str, Any]) -> Config:
+    """Return the configuration given as nested tables; what is absent keeps its default."""
+    sections = {"alignment": AlignmentConfig, "filter": FilterConfig, "gnss": GnssConfig}
+    parts: dict[str, Any] = {}
+    for name, table in tables.items():
+        if name not in (*sections, "data"):
+            raise ConfigError.unknown_key(name, (*sections, "data"), where="configuration")
+        if not isinstance(table, Mapping):
+            raise ConfigError(f"{name}: expected a table, found {table!r}")
+        parts[name] = dict(table) if name == "data" else _section(sections[name], table, name)
+    return Config(**parts)
+
+
+def load_config(file: str | Path | None, assignments: Iterable[str] = ()) -> Config:
+    """Return the configuration of a TOML file with ``section.key=value`` assignments on top."""
+    tables: dict[str, Any] = {}
+    if file is not None:
+        try:
+            tables = tomllib.loads(Path(file).read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise DataError("no such file", file=file, remedy="check --config") from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+            raise DataError(f"not readable as TOML: {error}", file=file) from None
+    for text in assignments:
+        key, equals, value = text.partition("=")
+        section, dot, name = key.strip().partition(".")
+        if not (equals and dot and section and name):
+            raise ConfigError(f"--set {text}: expected section.key=value")
+        table = tables.setdefault(section, {})
+        if not isinstance(table, dict):
+            raise ConfigError(f"{section}: expected a table, found {table!r}")
+        table[name] = _parse_value(value.strip())
+    return from_tables(tables)
+
+
+def _parse_value(text: str) -> Any:
+    """Return a TOML value; bare words are strings."""
+    try:
+        return tomllib.loads(f"v = {text}")["v"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def to_toml(config: Config) -> str:
+    """Return the whole configuration as TOML; reading it back gives an equal configuration."""
+    lines = []
+    for section in dataclasses.fields(config):
+        part = getattr(config, section.name)
+        table = dict(part) if isinstance(part, Mapping) else dataclasses.asdict(part)
+        lines.append(f"[{section.name}]")
+        for key, value in table.items():
+            if value is None:
+                lines.append(f"# {key} is not set")
+            else:
+                lines.append(f"{key} = {_format_value(value)}")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _format_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (int, float)):
+        return repr(value)
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_format_value(v) for v in value) + "]"
+    return json.dumps(str(value), ensure_ascii=False)

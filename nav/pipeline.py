@@ -1,0 +1,275 @@
+"""The filter loop: from a `Sequence` to a `Solution`.
+
+Align, then for each GNSS event propagate exactly to its time, test the innovation, update, log.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from alignment.initial import InitialAttitude, VelocityTrack, given_attitude, level_and_course
+from datasets.sequence import Sequence
+from filters import _kernels, measurements
+from filters.earth import OMEGA_IE_E, C_en_of
+from filters.ekf import ErrorStateFilter
+from filters.error_model import GYRO_BIAS, ErrorModel
+from filters.errors import AlignmentError, DataError
+from filters.rotation import FloatArray
+from filters.sensors import imu_preset
+from filters.strapdown import InertialStream, NavState
+from nav.config import AlignmentConfig, Config
+from nav.gnss import GnssEvent, GnssTimeline, gnss_timeline
+from nav.solution import AlignmentReport, Solution, Trajectory, Update
+
+Progress = Callable[[float, str], None]
+
+#: A velocity can start the filter if a position lies this close to it [s].
+_POSITION_NEAR = 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Where and how the filter starts."""
+
+    attitude: InitialAttitude
+    pos_e: FloatArray  # antenna
+    pos_cov_e: FloatArray
+    vel_e: FloatArray  # antenna
+    vel_cov_e: FloatArray
+
+
+def navigate(sequence: Sequence, config: Config, progress: Progress | None = None) -> Solution:
+    """Run loosely coupled GNSS/INS over a sequence.
+
+    Parameters
+    ----------
+    sequence : Sequence
+    config : Config
+    progress : callable, optional
+        Called with the fraction done and what is being done.
+
+    Returns
+    -------
+    Solution
+        The trajectory of the IMU, from the moment it is aligned, and the log of every update.
+
+    Raises
+    ------
+    AlignmentError
+        If no initial attitude was found.
+    """
+    report: Progress = progress or (lambda fraction, what: None)
+    began = clock.perf_counter()
+    report(0.0, "GNSS")
+    timeline = gnss_timeline(sequence, config.gnss)
+    spent_gnss = clock.perf_counter() - began
+    imu = sequence.imu
+    stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
+    spec = imu_preset(config.filter.imu) if config.filter.imu else sequence.calibration.imu
+    model = ErrorModel(spec, config.filter.states, config.filter.bias_model)
+    report(0.0, "alignment")
+    start = _align(sequence, stream, timeline, config.alignment, model)
+    began = clock.perf_counter()
+    kalman = _start_filter(sequence, stream, model, start, config)
+    updates = _filter(sequence, kalman, timeline, config, report)
+    spent_filter = clock.perf_counter() - began
+    attitude = start.attitude
+    return Solution(
+        name=sequence.name,
+        trajectory=trajectory_from_rows(kalman.rows),
+        updates=tuple(updates),
+        alignment=AlignmentReport(
+            "given" if attitude.method == "given" else "aligned", attitude.method, attitude.time,
+            attitude.time - float(imu.time[0]), attitude.sigma_heading, attitude.message,
+        ),
+        epochs=timeline.epochs,
+        notes=(*sequence.notes, *timeline.notes, *_imu_gaps(sequence)),
+        timing={"gnss_s": spent_gnss, "filter_s": spent_filter},
+    )  # fmt: skip
+
+
+def _align(
+    sequence: Sequence,
+    stream: InertialStream,
+    timeline: GnssTimeline,
+    config: AlignmentConfig,
+    model: ErrorModel,
+) -> _Start:
+    """Find the initial attitude, and position and velocity at its time."""
+    positions = [e for e in timeline.events if e.kind == "position" and not e.reason]
+    velocities = [e for e in timeline.events if e.kind == "velocity" and not e.reason]
+    if not positions or not velocities:
+        what = "position" if not positions else "velocity"
+        raise AlignmentError(
+            f"{sequence.name}: no usable GNSS {what}, so there is nothing to start from"
+        )
+    position_time = np.array([e.time for e in positions])
+    nearest = [int(np.argmin(np.abs(position_time - e.time))) for e in velocities]
+    pairs = [
+        (v, positions[k])
+        for v, k in zip(velocities, nearest, strict=True)
+        if abs(positions[k].time - v.time) <= _POSITION_NEAR and stream.start < v.time < stream.end
+    ]
+    if not pairs:
+        raise AlignmentError(
+            f"{sequence.name}: no GNSS velocity with a position within {_POSITION_NEAR} s inside "
+            "the IMU data"
+        )
+    attitude = _attitude(sequence, stream, pairs, config, model)
+    v, p = min(pairs, key=lambda pair: abs(pair[0].time - attitude.time))
+    pos_e = p.value_e + v.value_e * (attitude.time - p.time)
+    return _Start(attitude, pos_e, p.cov_e, v.value_e, v.cov_e)
+
+
+def _attitude(
+    sequence: Sequence,
+    stream: InertialStream,
+    pairs: list[tuple[GnssEvent, GnssEvent]],
+    config: AlignmentConfig,
+    model: ErrorModel,
+) -> InitialAttitude:
+    """The seam for aligners: velocities with positions in, an `InitialAttitude` out."""
+    level, heading = np.radians([config.sigma_level_deg, config.sigma_heading_deg])
+    given = (config.roll_deg, config.pitch_deg, config.heading_deg)
+    if config.method == "given" or (config.method == "auto" and None not in given):
+        velocity, position = pairs[0]
+        rpy = np.radians(np.array(given, dtype=float))
+        return given_attitude(velocity.time, position.value_e, rpy, level, heading)
+    track = VelocityTrack(
+        np.array([v.time for v, _ in pairs]),
+        np.array([v.value_e for v, _ in pairs]),
+        np.array([np.sqrt(np.trace(v.cov_e) / 3.0) for v, _ in pairs]),
+        np.array([p.value_e for _, p in pairs]),
+    )
+    return level_and_course(
+        stream, track, sequence.calibration.C_bv, model.imu,
+        min_speed=config.min_speed_mps, sigma_level=level, sigma_heading=heading,
+    )  # fmt: skip
+
+
+def _start_filter(
+    sequence: Sequence, stream: InertialStream, model: ErrorModel, start: _Start, config: Config
+) -> ErrorStateFilter:
+    """Move the start from antenna to IMU and hand it to the filter."""
+    attitude, lever = start.attitude, sequence.calibration.lever_antenna_b
+    k = min(stream.index(attitude.time), stream.gyro.shape[0] - 1)
+    omega_eb = stream.gyro[k] - attitude.gyro_bias - attitude.C_eb.T @ OMEGA_IE_E
+    state = NavState(
+        attitude.time,
+        start.pos_e - attitude.C_eb @ lever,
+        start.vel_e - attitude.C_eb @ np.cross(omega_eb, lever),
+        attitude.C_eb,
+    )
+    pos_cov = start.pos_cov_e + np.eye(3) * sequence.calibration.lever_antenna_sigma**2
+    att_cov_b = attitude.C_eb.T @ attitude.cov_e @ attitude.C_eb
+    P = model.initial_covariance(pos_cov, start.vel_cov_e, att_cov_b)
+    if attitude.sigma_gyro_bias is not None:
+        P[GYRO_BIAS, GYRO_BIAS] = np.eye(3) * attitude.sigma_gyro_bias**2
+    rate = config.filter.output_rate_hz
+    kalman = ErrorStateFilter(model, stream, state, P, 1.0 / rate if rate > 0 else 0.0)
+    kalman.bias[0:3] = attitude.gyro_bias
+    return kalman
+
+
+def _filter(
+    sequence: Sequence,
+    kalman: ErrorStateFilter,
+    timeline: GnssTimeline,
+    config: Config,
+    report: Progress,
+) -> list[Update]:
+    """Run the loop over all events and return the log."""
+    begin, end = kalman.time, kalman.stream.end
+    updates = []
+    for number, event in enumerate(timeline.events):
+        if number % 50 == 0:
+            report(min(max((event.time - begin) / (end - begin), 0.0), 1.0), "filter")
+        if event.time <= begin or event.time > end:
+            why = "before alignment" if event.time <= begin else "after the IMU data"
+            updates.append(
+                Update(event.time, event.kind, event.satellites, reason=event.reason or why)
+            )
+            continue
+        if event.reason:
+            updates.append(Update(event.time, event.kind, event.satellites, reason=event.reason))
+            continue
+        kalman.propagate(event.time)
+        updates.append(_apply(sequence, kalman, event, config))
+        if not np.isfinite(kalman.pos_e).all():
+            raise DataError(
+                f"{sequence.name}: the solution diverged at {event.time:.1f} s",
+                remedy="check units and axes of the IMU, and the IMU preset",
+            )
+    kalman.propagate(end)
+    report(1.0, "filter")
+    return updates
+
+
+def _apply(
+    sequence: Sequence, kalman: ErrorStateFilter, event: GnssEvent, config: Config
+) -> Update:
+    """Offer one event to the filter."""
+    calibration, states = sequence.calibration, kalman.model.states
+    lever = calibration.lever_antenna_b
+    if event.kind == "position":
+        cov = event.cov_e + np.eye(3) * calibration.lever_antenna_sigma**2
+        m = measurements.position(kalman.state, states, event.value_e, cov, lever)
+    else:
+        m = measurements.velocity(
+            kalman.state, states, event.value_e, event.cov_e, lever, kalman.omega_b
+        )
+    outcome = kalman.update(m, config.filter.gate_probability)
+    reason = "" if outcome.accepted else f"innovation test (NIS > {outcome.limit:.1f})"
+    return Update(
+        event.time, event.kind, event.satellites, tuple(map(float, outcome.whitened)),
+        outcome.nis, outcome.accepted, reason,
+    )  # fmt: skip
+
+
+def trajectory_from_rows(rows: FloatArray) -> Trajectory:
+    """Turn recorded filter rows into a `Trajectory`, covariances rotated to north-east-down."""
+    pos_e = rows[:, _kernels.ROW_POS : _kernels.ROW_POS + 3]
+    bias = rows[:, _kernels.ROW_BIAS : _kernels.ROW_BIAS + 6]
+    std_bias = rows[:, _kernels.ROW_STD_BIAS : _kernels.ROW_STD_BIAS + 6]
+    C_eb = rows[:, _kernels.ROW_C : _kernels.ROW_C + 9].reshape(-1, 3, 3)
+    C_ne = np.swapaxes(C_en_of(pos_e), 1, 2)
+    to_ned = (C_ne, C_ne, C_ne @ C_eb)  # position and velocity errors in e, attitude error in b
+    upper = np.triu_indices(3)
+    blocks = []
+    for block, C in enumerate(to_ned):
+        start = _kernels.ROW_COV + 6 * block
+        cov = np.empty((len(rows), 3, 3))
+        cov[:, upper[0], upper[1]] = rows[:, start : start + 6]
+        cov[:, upper[1], upper[0]] = rows[:, start : start + 6]
+        blocks.append(C @ cov @ np.swapaxes(C, 1, 2))
+    return Trajectory(
+        time=rows[:, _kernels.ROW_TIME],
+        pos_e=pos_e,
+        vel_e=rows[:, _kernels.ROW_VEL : _kernels.ROW_VEL + 3],
+        C_eb=C_eb,
+        gyro_bias=bias[:, :3],
+        accel_bias=bias[:, 3:],
+        cov_pos_n=blocks[0],
+        cov_vel_n=blocks[1],
+        cov_att_n=blocks[2],
+        std_gyro_bias=std_bias[:, :3],
+        std_accel_bias=std_bias[:, 3:],
+    )
+
+
+def _imu_gaps(sequence: Sequence) -> tuple[str, ...]:
+    """Name gaps in the IMU data: the mechanisation bridges them with the sample that follows."""
+    time = sequence.imu.time
+    step = np.diff(time)
+    gaps = np.flatnonzero(step > 1.5 * sequence.imu.interval)
+    if not gaps.size:
+        return ()
+    worst = int(gaps[np.argmax(step[gaps])])
+    return (
+        f"IMU: {gaps.size} gaps, the longest {step[worst]:.3f} s at {time[worst]:.3f} s; each is "
+        "bridged with the mean rate of the sample after it",
+    )

@@ -1,0 +1,220 @@
+"""The filter: honest covariance, the gate, and noise-free recovery."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import chi2
+
+from datasets.sequence import ImuData
+from datasets.trajectory import fixes_from_truth, imu_measurements
+from filters import _kernels, measurements
+from filters.earth import C_en_of
+from filters.ekf import ErrorStateFilter, gate_limit
+from filters.error_model import ErrorModel
+from filters.errors import DataError
+from filters.rotation import matrix_from_rotvec
+from filters.sensors import imu_preset
+from filters.strapdown import InertialStream, NavState
+
+LEVER = np.array([-0.65, -0.05, -0.15])
+RATE = 50.0
+
+
+def run(trajectory, model, imu, fixes, state, P, gate=0.0):
+    """Filter a drive with positions and velocities; return the filter and all NIS."""
+    stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
+    kalman = ErrorStateFilter(model, stream, state, P, output_interval=1.0)
+    nis = []
+    for t, pos, pos_cov, vel, vel_cov in zip(
+        fixes.time, fixes.pos_e, fixes.pos_cov_e, fixes.vel_e, fixes.vel_cov_e, strict=True
+    ):
+        kalman.propagate(t)
+        m = measurements.position(kalman.state, model.states, pos, pos_cov, LEVER)
+        nis.append(kalman.update(m, gate).nis)
+        m = measurements.velocity(kalman.state, model.states, vel, vel_cov, LEVER, kalman.omega_b)
+        nis.append(kalman.update(m, gate).nis)
+    kalman.propagate(stream.end)
+    return kalman, np.array(nis)
+
+
+def errors_and_nees(rows, trajectory):
+    """NEES (m, 3) of position, velocity and attitude: true − estimated, attitude in body axes."""
+    truth = trajectory.kinematics(rows[:, 0])
+    delta_C = np.swapaxes(rows[:, 7:16].reshape(-1, 3, 3), 1, 2) @ truth.C_eb
+    phi = 0.5 * np.stack(
+        [
+            delta_C[:, 2, 1] - delta_C[:, 1, 2],
+            delta_C[:, 0, 2] - delta_C[:, 2, 0],
+            delta_C[:, 1, 0] - delta_C[:, 0, 1],
+        ],
+        axis=-1,
+    )
+    errors = [truth.pos_e - rows[:, 1:4], truth.vel_e - rows[:, 4:7], phi]
+    nees = []
+    for block, error in enumerate(errors):
+        cov = np.empty((len(rows), 3, 3))
+        i, j = np.triu_indices(3)
+        start = _kernels.ROW_COV + 6 * block
+        cov[:, i, j] = cov[:, j, i] = rows[:, start : start + 6]
+        nees.append(np.einsum("ki,ki->k", error, np.linalg.solve(cov, error[..., None])[..., 0]))
+    return errors, np.stack(nees, axis=-1)
+
+
+def drawn_start(trajectory, time, model, rng):
+    """A start whose error is drawn from the covariance it is handed over with."""
+    k = trajectory.kinematics(np.array([time]))
+    C_bn = k.C_eb[0].T @ C_en_of(k.pos_e[0])
+    tilt = C_bn @ np.diag(np.radians([1.0, 1.0, 4.0]) ** 2) @ C_bn.T
+    P = model.initial_covariance(np.eye(3) * 2.0**2, np.eye(3) * 0.2**2, tilt)
+    error = np.linalg.cholesky(P[:9, :9]) @ rng.standard_normal(9)
+    return NavState(
+        time, k.pos_e[0] - error[0:3], k.vel_e[0] - error[3:6],
+        k.C_eb[0] @ matrix_from_rotvec(error[6:9]).T,
+    ), P  # fmt: skip
+
+
+@pytest.mark.parametrize("preset", ["adis16470", "tactical"])
+def test_nees_over_fifty_seeds(city_drive, preset):
+    """Mean NEES over 50 runs stays inside the 95 % bounds of χ² for 95 % of the time."""
+    spec, runs, duration = imu_preset(preset), 50, 150.0
+    model = ErrorModel(spec)
+    start = city_drive.span[0] + 30.0
+    time = start + np.arange(1, int(duration * RATE) + 1) / RATE
+    exact, _, _ = imu_measurements(city_drive, time, spec, np.random.default_rng(0), noise=False)
+    epochs = start + np.arange(1.0, duration) + 0.0137
+    nees, nis = [], []
+    for seed in range(runs):
+        rng = np.random.default_rng([7, seed])
+        imu = with_errors(exact, spec, rng)
+        fixes = fixes_from_truth(city_drive, epochs, LEVER, (1.0, 1.0, 2.0), 0.1, rng)
+        state, P = drawn_start(city_drive, start, model, rng)
+        kalman, run_nis = run(city_drive, model, imu, fixes, state, P)
+        nees.append(errors_and_nees(kalman.rows, city_drive)[1])
+        nis.append(run_nis)
+    mean = np.mean(nees, axis=0)
+    low, high = chi2.ppf([0.025, 0.975], 3 * runs) / runs
+    inside = ((mean > low) & (mean < high)).mean(axis=0)
+    overall = mean.mean(axis=0)
+    assert np.all((overall > low) & (overall < high)), overall
+    # Epochs of one run are correlated, so the share is itself noisy: 85 % for a nominal 95 %.
+    assert np.all(inside > 0.85), inside
+    assert np.mean(nis) == pytest.approx(3.0, abs=0.05)
+
+
+def with_errors(exact, spec, rng):
+    """Add a fresh draw of this sensor's errors to exact means: one quadrature for all runs.
+
+    Bias: a turn-on constant, plus a Gauss–Markov part that begins in its steady state.
+    """
+    dt, n = exact.interval, len(exact)
+
+    def errors(turn_on, in_run, density):
+        decay = np.exp(-dt / spec.bias_correlation_time_s)
+        driven = in_run * np.sqrt(1 - decay**2) * rng.standard_normal((n, 3))
+        driven[0] = in_run * rng.standard_normal(3)
+        wander = lfilter([1.0], [1.0, -decay], driven, axis=0)
+        white = density / np.sqrt(dt) * rng.standard_normal((n, 3))
+        return turn_on * rng.standard_normal(3) + wander + white
+
+    gyro = errors(spec.gyro_bias_initial_sigma, spec.gyro_bias_sigma, spec.gyro_noise_density)
+    accel = errors(spec.accel_bias_initial_sigma, spec.accel_bias_sigma, spec.accel_noise_density)
+    return ImuData(exact.time, exact.gyro_b + gyro, exact.accel_b + accel)
+
+
+@pytest.mark.parametrize("states", [15, 21])
+def test_exact_data_are_recovered(city_drive, states):
+    """Without noise, a wrong start converges to the truth, biases to zero.
+
+    What is left is the linearisation of the first seconds, frozen in by fixes of 1 µm.
+    """
+    model = ErrorModel(imu_preset("adis16470"), states)
+    rng = np.random.default_rng(5)
+    start = city_drive.span[0] + 30.0
+    time = start + np.arange(1, 201 * 50) / RATE
+    imu, _, _ = imu_measurements(city_drive, time, model.imu, rng, noise=False)
+    fixes = fixes_from_truth(city_drive, start + np.arange(1.0, 200.0), LEVER, 0.0, 0.0, rng)
+    state, P = drawn_start(city_drive, start, model, rng)
+    kalman, _ = run(city_drive, model, imu, fixes, state, P)
+    errors, _ = errors_and_nees(kalman.rows[-20:], city_drive)
+    position, velocity, attitude = (np.abs(e).max() for e in errors)
+    assert position < 1e-3
+    assert velocity < 2e-3
+    assert np.degrees(attitude) < 0.02
+    assert np.abs(kalman.bias[:3]).max() < np.radians(5.0) / 3600
+    assert np.abs(kalman.bias[3:6]).max() < 2e-3
+
+
+def test_covariance_stays_symmetric_positive_definite(city_drive):
+    model = ErrorModel(imu_preset("adis16470"), 21)
+    rng = np.random.default_rng(6)
+    start = city_drive.span[0] + 30.0
+    time = start + np.arange(1, 1001) / RATE
+    imu, _, _ = imu_measurements(city_drive, time, model.imu, rng)
+    fixes = fixes_from_truth(city_drive, start + np.arange(1.0, 19.0), LEVER, 0.01, 0.01, rng)
+    state, P = drawn_start(city_drive, start, model, rng)
+    kalman, _ = run(city_drive, model, imu, fixes, state, P)
+    scale = np.sqrt(np.diag(kalman.P))
+    assert np.linalg.eigvalsh(kalman.P / np.outer(scale, scale)).min() > 1e-9
+    np.testing.assert_array_equal(kalman.P, kalman.P.T)
+
+
+def test_gate_refuses_a_jump_and_leaves_the_state_alone(city_drive):
+    model = ErrorModel(imu_preset("adis16470"))
+    rng = np.random.default_rng(8)
+    start = city_drive.span[0] + 30.0
+    time = start + np.arange(1, 501) / RATE
+    imu, _, _ = imu_measurements(city_drive, time, model.imu, rng, noise=False)
+    k = city_drive.kinematics(np.array([start]))
+    stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
+    P = model.initial_covariance(np.eye(3), np.eye(3) * 0.01, np.eye(3) * 1e-4)
+    kalman = ErrorStateFilter(model, stream, NavState(start, k.pos_e[0], k.vel_e[0], k.C_eb[0]), P)
+    kalman.propagate(start + 1.0)
+    antenna = city_drive.pos_e(np.array([start + 1.0]), LEVER)[0]
+    before = kalman.pos_e.copy(), kalman.P.copy()
+    jump = measurements.position(kalman.state, 15, antenna + [40.0, 0, 0], np.eye(3), LEVER)
+    outcome = kalman.update(jump, gate_probability=1e-4)
+    assert not outcome.accepted and outcome.nis > outcome.limit
+    np.testing.assert_array_equal(kalman.pos_e, before[0])
+    np.testing.assert_array_equal(kalman.P, before[1])
+    assert kalman.update(jump, gate_probability=0.0).accepted  # the gate can be switched off
+    np.testing.assert_allclose(outcome.whitened @ outcome.whitened, outcome.nis)
+
+
+def test_gate_limit_is_the_chi_square_quantile():
+    assert gate_limit(3, 1e-4) == pytest.approx(chi2.isf(1e-4, 3), rel=1e-12)
+    assert gate_limit(3, 0.0) == float("inf")
+
+
+def test_rows_hold_the_updated_state_and_the_requested_rate(city_drive):
+    model = ErrorModel(imu_preset("adis16470"))
+    start = city_drive.span[0] + 30.0
+    time = start + np.arange(1, 501) / RATE
+    imu, _, _ = imu_measurements(city_drive, time, model.imu, np.random.default_rng(9))
+    stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
+    k = city_drive.kinematics(np.array([start]))
+    state = NavState(start, k.pos_e[0], k.vel_e[0], k.C_eb[0])
+    kalman = ErrorStateFilter(model, stream, state, np.eye(15) * 1e-2, output_interval=0.1)
+    kalman.propagate(start + 5.0)
+    shifted = city_drive.pos_e(np.array([start + 5.0]), LEVER)[0] + [0.5, 0, 0]
+    kalman.update(measurements.position(kalman.state, 15, shifted, np.eye(3) * 1e-4, LEVER))
+    np.testing.assert_allclose(kalman.rows[-1, 1:4], kalman.pos_e)
+    np.testing.assert_allclose(np.diff(kalman.rows[:, 0]), 0.1, atol=1e-6)
+    assert kalman.rows[0, 0] == start
+
+
+def test_impossible_calls_are_refused(city_drive):
+    model = ErrorModel(imu_preset("adis16470"))
+    stream = InertialStream(np.arange(1.0, 9.0), np.zeros((8, 3)), np.zeros((8, 3)))
+    state = NavState(1.0, np.array([6378137.0, 0, 0]), np.zeros(3), np.eye(3))
+    with pytest.raises(DataError, match="covariance of shape"):
+        ErrorStateFilter(model, stream, state, np.eye(9))
+    with pytest.raises(DataError, match="outside the IMU data"):
+        ErrorStateFilter(model, stream, NavState(99.0, *vars_of(state)), np.eye(15))
+    kalman = ErrorStateFilter(model, stream, state, np.eye(15))
+    kalman.propagate(4.0)
+    with pytest.raises(DataError, match="cannot go back"):
+        kalman.propagate(3.0)
+
+
+def vars_of(state):
+    return state.pos_e, state.vel_e, state.C_eb
