@@ -22,8 +22,14 @@ from filters.strapdown import InertialStream
 LEVEL_WINDOW = 20.0
 #: Shortest standstill that counts as one [s].
 SHORTEST_REST = 3.0
-#: Speed below which the vehicle may be standing [m/s]; the gyros decide.
-REST_SPEED = 0.3
+#: Shortest quiet stretch without GNSS that counts: uniform braking is quiet too, but not as long [s].
+SHORTEST_UNSEEN = 8.0
+#: GNSS speed above which the vehicle is certainly moving [m/s].
+REST_SPEED = 0.5
+#: Spread within a second, per axis, that an idling engine may add to the sensor's own noise.
+_IDLE_GYRO, _IDLE_ACCEL = np.radians(0.3), 0.15
+#: Change of the one-second means, per axis, within a quiet stretch.
+_DRIFT_GYRO, _DRIFT_ACCEL = np.radians(0.2), 0.08
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,11 +140,12 @@ def level_and_course(
     time = float(track.time[k])
     speed = float(np.hypot(vel_n[0], vel_n[1]))
     course = float(np.arctan2(vel_n[1], vel_n[0]))
-    rest = _rest_before(stream, track, k)
+    quiet = _rest_before(stream, track, k, imu)
     bias_tilt = np.hypot(imu.accel_bias_initial_sigma, imu.accel_bias_sigma) / 9.8
-    if rest is not None:
+    rest = quiet[:2] if quiet is not None else None
+    if quiet is not None and rest is not None:
         C_hb, mean_rate, elapsed, moved = _carry_from_rest(stream, rest, time, C_bv)
-        backwards = moved < -0.25 * speed
+        backwards = quiet[2] and moved < -0.25 * speed
         drift = imu.gyro_bias_sigma * elapsed + imu.gyro_noise_density * np.sqrt(elapsed)
         tilt = float(np.sqrt(bias_tilt**2 + drift**2))
     else:
@@ -152,15 +159,18 @@ def level_and_course(
     C_eb = C_en @ turn @ C_hb
     sigma_psi = max(float(track.sigma[k]) / speed, sigma_heading)
     gyro_bias, sigma_bias = np.zeros(3), None
-    if rest is not None:
+    if rest is not None and mean_rate is not None:
         start, end = rest
         C_eb_rest = C_en @ turn @ _level_at_rest(stream, rest, C_bv)
         gyro_bias = mean_rate - C_eb_rest.T @ OMEGA_IE_E
-        # The standstill's own noise, what the bias does later, and 1 % of a turn's scale error.
+        # The standstill's own noise, and what the bias does later.
         sigma_bias = float(
             np.hypot(imu.gyro_noise_density / np.sqrt(end - start), imu.gyro_bias_sigma)
         )
-    how = f"levelled over {rest[1] - rest[0]:.0f} s at rest" if rest else "levelled in motion"
+    how = "levelled in motion"
+    if quiet is not None:
+        kind = "at rest" if quiet[2] else "without acceleration"
+        how = f"levelled over {quiet[1] - quiet[0]:.0f} s {kind}"
     return InitialAttitude(
         time, C_eb, attitude_covariance_e(C_en, max(tilt, sigma_level), sigma_psi), sigma_psi,
         gyro_bias, sigma_bias, "level+course",
@@ -202,27 +212,53 @@ def _samples(stream: InertialStream, start: float, end: float) -> slice:
 
 
 def _rest_before(
-    stream: InertialStream, track: VelocityTrack, k: int
-) -> tuple[float, float] | None:
-    """Return begin and end of the last standstill before epoch k, or None."""
-    speed = np.linalg.norm(track.vel_e[: k + 1], axis=1)
-    slow = np.flatnonzero(speed < np.maximum(REST_SPEED, 3.0 * track.sigma[: k + 1]))
-    if not slow.size:
+    stream: InertialStream, track: VelocityTrack, k: int, imu: ImuSpec
+) -> tuple[float, float, bool] | None:
+    """Return begin and end of the last quiet stretch before epoch k, and if it is a standstill.
+
+    Quiet is judged by the IMU alone, second by second. Steady driving straight ahead is quiet
+    too, and levels just as well; that it was a standstill is only said where GNSS saw one.
+    """
+    dt = float(np.median(np.diff(stream.edges)))
+    n = max(round(1.0 / dt), 2)
+    last = int(np.searchsorted(stream.edges, track.time[k])) - 1
+    blocks = last // n
+    if blocks < SHORTEST_REST:
         return None
-    last = int(slow[-1])
-    first = last
-    while first > 0 and first - 1 in slow:
-        first -= 1
-    margin = 0.5
-    start = max(
-        float(track.time[first]) + margin, stream.start, float(track.time[last]) - LEVEL_WINDOW
+    gyro = stream.gyro[: blocks * n].reshape(blocks, n, 3)
+    accel = stream.accel[: blocks * n].reshape(blocks, n, 3)
+    own_gyro, own_accel = (
+        imu.gyro_noise_density / np.sqrt(dt),
+        imu.accel_noise_density / np.sqrt(dt),
     )
-    end = float(track.time[last]) - margin
-    if end - start < SHORTEST_REST:
-        return None
-    gyro = stream.gyro[_samples(stream, start, end)]
-    turning = np.abs(gyro - np.median(gyro, axis=0)).mean()
-    return (start, end) if len(gyro) and turning < np.radians(1.0) else None
+    quiet = (gyro.std(axis=1) < 3.0 * own_gyro + _IDLE_GYRO).all(axis=1)
+    quiet &= (accel.std(axis=1) < 3.0 * own_accel + _IDLE_ACCEL).all(axis=1)
+    speed = np.linalg.norm(track.vel_e, axis=1)
+    moving = track.time[speed > np.maximum(REST_SPEED, 3.0 * track.sigma)]
+    standing = track.time[speed <= np.maximum(REST_SPEED, 3.0 * track.sigma)]
+    edge = stream.edges[np.arange(blocks + 1) * n]
+    mean_gyro, mean_accel = gyro.mean(axis=1), accel.mean(axis=1)
+    end = blocks - 1
+    while end >= 0:
+        if not quiet[end]:
+            end -= 1
+            continue
+        first = end
+        while (
+            first > 0
+            and quiet[first - 1]
+            and edge[end + 1] - edge[first - 1] <= LEVEL_WINDOW
+            and np.all(np.abs(mean_gyro[first - 1] - mean_gyro[end]) < _DRIFT_GYRO)
+            and np.all(np.abs(mean_accel[first - 1] - mean_accel[end]) < _DRIFT_ACCEL)
+        ):
+            first -= 1
+        start, stop = float(edge[first]), float(edge[end + 1])
+        drives = np.any((moving >= start) & (moving <= stop))
+        stands = bool(np.any((standing >= start) & (standing <= stop)) and not drives)
+        if stop - start >= (SHORTEST_REST if stands else SHORTEST_UNSEEN):
+            return start, stop, stands
+        end = first - 1
+    return None
 
 
 def _level(force_v: FloatArray, force_h: FloatArray) -> FloatArray:

@@ -55,6 +55,21 @@ def _freeze(record: object, **arrays: object) -> None:
         object.__setattr__(record, name, value)
 
 
+def _rows(record, rows: NDArray[np.bool_]):
+    """Return a copy of `record` with the masked rows of every per-epoch array."""
+    n = record.time.size
+    values = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
+    per_epoch = {
+        name: value[rows]
+        for name, value in values.items()
+        if isinstance(value, np.ndarray)
+        and value.ndim
+        and value.shape[0] == n
+        and name != "lever_b"
+    }
+    return dataclasses.replace(record, **per_epoch)
+
+
 @dataclass(frozen=True, eq=False)
 class ImuData:
     """Inertial samples in body axes (forward, right, down).
@@ -188,14 +203,13 @@ class GnssObservations:
     @property
     def usable(self) -> NDArray[np.bool_]:
         """True for rows that nothing has rejected, shape (n,)."""
-        return self.rejected == ""
+        return np.asarray(self.rejected == "")
 
     @property
     def has_range_rate(self) -> NDArray[np.bool_]:
         """True for usable rows whose range rate and satellite state are known, shape (n,)."""
         state = np.isfinite(self.sat_vel_e).all(1) & np.isfinite(self.sat_clock_drift)
-        mask: NDArray[np.bool_] = self.usable & np.isfinite(self.range_rate) & state
-        return mask
+        return np.asarray(self.usable & np.isfinite(self.range_rate) & state)
 
     def epochs(self) -> Iterator[tuple[float, slice]]:
         """Yield the time of each epoch and the slice of its rows."""
@@ -207,8 +221,9 @@ class GnssObservations:
 
     def take(self, rows: slice | NDArray) -> GnssObservations:
         """Return the given rows (a slice, a mask or indices)."""
-        columns = {f.name: getattr(self, f.name)[rows] for f in dataclasses.fields(self)}
-        return GnssObservations(**columns)
+        return GnssObservations(
+            **{f.name: getattr(self, f.name)[rows] for f in dataclasses.fields(self)}
+        )
 
     def with_columns(self, **columns: object) -> GnssObservations:
         """Return a copy with the named columns replaced."""
@@ -267,7 +282,8 @@ class GnssFixes:
     @property
     def has_velocity(self) -> NDArray[np.bool_]:
         """True where a velocity with covariance is given, shape (n,)."""
-        return np.isfinite(self.vel_e).all(1) & np.isfinite(self.vel_cov_e).all((1, 2))
+        both = np.isfinite(self.vel_e).all(1) & np.isfinite(self.vel_cov_e).all((1, 2))
+        return np.asarray(both)
 
     def take(self, rows: slice | NDArray) -> GnssFixes:
         """Return the given rows (a slice, a mask or indices)."""
@@ -448,6 +464,30 @@ class Sequence:
                     f"{self.imu.time[-1]:.1f} s, {part} {times[0]:.1f}…{times[-1]:.1f} s",
                     remedy="check GPS week, time scale and leap seconds",
                 )
+
+    def between(self, start: float, end: float) -> Sequence:
+        """Return the part with ``start <= time <= end`` [s].
+
+        Raises
+        ------
+        DataError
+            If nothing to navigate with is left.
+        """
+        if not start < end:
+            raise DataError(f"{self.name}: start {start} s is not before end {end} s")
+        inside = (self.imu.time >= start) & (self.imu.time <= end)
+        if inside.sum() < 2:
+            raise DataError(
+                f"{self.name}: no IMU data between {start:.1f} and {end:.1f} s",
+                remedy=f"the data span {self.imu.time[0]:.1f}…{self.imu.time[-1]:.1f} s",
+            )
+        parts: dict[str, object] = {"imu": self.imu.between(start, end)}
+        for part in ("observations", "fixes", "odometer", "reference"):
+            record = getattr(self, part)
+            if record is not None:
+                rows = (record.time >= start) & (record.time <= end)
+                parts[part] = _rows(record, rows) if rows.sum() >= 2 else None
+        return dataclasses.replace(self, **parts)  # type: ignore[arg-type]
 
     def _spans(self) -> Iterator[tuple[str, FloatArray]]:
         for part in ("observations", "fixes", "odometer", "reference"):

@@ -129,7 +129,7 @@ class ErrorStateFilter:
         """Return whitened innovation and NIS of a measurement, without applying it."""
         z, H = measurement.z, measurement.H
         S = H @ self.P @ H.T + measurement.R
-        whitened = np.linalg.solve(np.linalg.cholesky(S), z)
+        whitened = np.asarray(np.linalg.solve(np.linalg.cholesky(S), z), dtype=np.float64)
         nis = float(whitened @ whitened)
         limit = gate_limit(z.size, gate_probability)
         return Outcome(nis <= limit, whitened, nis, limit)
@@ -157,6 +157,28 @@ class ErrorStateFilter:
             self._feed_back(ekf.x)
             self._record_now()
         return outcome
+
+    def enlarge(self, measurement: Measurement, limit: float = 10.0) -> float:
+        """Multiply P by what brings the NIS of a measurement to its expectation, `limit` at most.
+
+        For a filter that has refused measurements for too long: all correlations stay, all
+        standard deviations grow alike. The limit keeps a run of bad measurements from throwing a
+        good filter off; a filter that is really lost gets there in several rounds.
+
+        Returns
+        -------
+        float
+            The factor; 1 where the NIS is low already.
+        """
+        S = measurement.H @ self.P @ measurement.H.T
+        factor = 1.0
+        while factor < limit:
+            z = measurement.z
+            if z @ np.linalg.solve(factor * S + measurement.R, z) <= z.size:
+                break
+            factor = min(1.2 * factor, limit)
+        self.P *= factor
+        return factor
 
     def _feed_back(self, x: FloatArray) -> None:
         self.pos_e += x[POS]

@@ -78,6 +78,9 @@ class FilterConfig:
         IMU preset that replaces the one the sequence declares; '' keeps it.
     gate_probability : float
         Probability with which a correct measurement is refused; 0 switches the gates off.
+    gate_patience : int
+        After so many refusals in a row of one kind of update, the covariance is doubted
+        instead: it is enlarged, tenfold at most, and the update tried again. 0: never.
     output_rate_hz : float
         Rate of ``solution.csv``; 0 writes every IMU sample.
     """
@@ -86,6 +89,7 @@ class FilterConfig:
     bias_model: str = "random-walk"
     imu: str = ""
     gate_probability: float = 1e-4
+    gate_patience: int = 10
     output_rate_hz: float = 10.0
 
     def __post_init__(self) -> None:
@@ -98,6 +102,7 @@ class FilterConfig:
             raise ConfigError(
                 f"filter.gate_probability: expected 0 ≤ p < 1, found {self.gate_probability}"
             )
+        _positive("filter.gate_patience", self.gate_patience, zero=True)
         _positive("filter.output_rate_hz", self.output_rate_hz, zero=True)
 
 
@@ -121,6 +126,9 @@ class GnssConfig:
         Corrections of single-point positioning.
     raim : bool
         Fault detection and exclusion of single-point positioning.
+    code_sigma_m : float
+        Pseudorange noise at the zenith that single-point positioning assumes, multipath
+        included; a street needs more than a roof.
     position_sigma_scale, velocity_sigma_scale : float
         Factor on the standard deviations of positions and velocities.
     position_sigma_floor_m, velocity_sigma_floor_mps : float
@@ -130,10 +138,11 @@ class GnssConfig:
     position: str = "auto"
     velocity: str = "auto"
     elevation_mask_deg: float = 10.0
-    min_cn0_dbhz: float = 25.0
+    min_cn0_dbhz: float = 35.0
     ionosphere: str = "broadcast"
     troposphere: str = "saastamoinen"
     raim: bool = True
+    code_sigma_m: float = 3.0
     position_sigma_scale: float = 1.0
     velocity_sigma_scale: float = 1.0
     position_sigma_floor_m: float = 0.02
@@ -144,7 +153,7 @@ class GnssConfig:
         _choice("gnss.velocity", self.velocity, ("auto", "doppler", "carried", "none"))
         _choice("gnss.ionosphere", self.ionosphere, ("broadcast", "off"))
         _choice("gnss.troposphere", self.troposphere, ("saastamoinen", "off"))
-        for name in ("position_sigma_scale", "velocity_sigma_scale"):
+        for name in ("code_sigma_m", "position_sigma_scale", "velocity_sigma_scale"):
             _positive(f"gnss.{name}", getattr(self, name))
         for name in ("position_sigma_floor_m", "velocity_sigma_floor_mps", "min_cn0_dbhz"):
             _positive(f"gnss.{name}", getattr(self, name), zero=True)

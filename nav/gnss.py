@@ -6,6 +6,7 @@ that the update log tells of it.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,6 +82,7 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         events += _carried(sequence.fixes, "position", config)
     if observations is not None and approximate is not None and len(approximate):
         observations = _masked(observations, approximate, config)
+    epochs = _epochs(observations, sequence.fixes)
     if velocity == "doppler":
         assert observations is not None
         if approximate is None or not len(approximate):
@@ -88,16 +90,13 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
                 "gnss.velocity: Doppler needs an approximate position, and there is none — "
                 "add navigation files for single-point positions"
             )
-        epochs = _epochs(observations, sequence.fixes)
         doppler_events, observations = _doppler_events(observations, approximate, config)
         events += doppler_events
     elif velocity == "carried":
         assert sequence.fixes is not None
         events += _carried(sequence.fixes, "velocity", config)
     events.sort(key=lambda event: (event.time, event.kind))
-    return GnssTimeline(
-        tuple(events), _epochs(observations, sequence.fixes), observations, tuple(notes)
-    )
+    return GnssTimeline(tuple(events), epochs, observations, tuple(notes))
 
 
 def sources(sequence: Sequence, config: GnssConfig) -> tuple[str, str]:
@@ -162,6 +161,7 @@ def _single_point_events(
         ionosphere=config.ionosphere,
         troposphere=config.troposphere,
         raim=config.raim,
+        code_sigma=config.code_sigma_m,
     )
     names = {
         t: tuple(observations.sat[rows][observations.usable[rows]])
@@ -183,6 +183,11 @@ def _single_point_events(
         GnssEvent(t, "position", *_NOTHING, reason=f"no fix: {why}") for t, why in spp.failed
     ]
     return events, spp.fixes
+
+
+def _category(message: str) -> str:
+    """Return RTKLIB's message without its numbers, so that like reasons count together."""
+    return re.sub(r"\s*\b\w+=\S+", "", message).strip()
 
 
 def _weak_marked(observations: GnssObservations, config: GnssConfig) -> GnssObservations:

@@ -5,6 +5,7 @@ Align, then for each GNSS event propagate exactly to its time, test the innovati
 
 from __future__ import annotations
 
+import dataclasses
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from filters.sensors import imu_preset
 from filters.strapdown import InertialStream, NavState
 from nav.config import AlignmentConfig, Config
 from nav.gnss import GnssEvent, GnssTimeline, gnss_timeline
-from nav.solution import AlignmentReport, Solution, Trajectory, Update
+from nav.solution import UPDATE_KINDS, AlignmentReport, Solution, Trajectory, Update
 
 Progress = Callable[[float, str], None]
 
@@ -184,21 +185,25 @@ def _filter(
 ) -> list[Update]:
     """Run the loop over all events and return the log."""
     begin, end = kalman.time, kalman.stream.end
-    updates = []
+    updates: list[Update] = []
+    refused = dict.fromkeys(UPDATE_KINDS, 0)
     for number, event in enumerate(timeline.events):
         if number % 50 == 0:
             report(min(max((event.time - begin) / (end - begin), 0.0), 1.0), "filter")
-        if event.time <= begin or event.time > end:
-            why = "before alignment" if event.time <= begin else "after the IMU data"
-            updates.append(
-                Update(event.time, event.kind, event.satellites, reason=event.reason or why)
-            )
-            continue
-        if event.reason:
-            updates.append(Update(event.time, event.kind, event.satellites, reason=event.reason))
+        why = event.reason
+        if event.time <= begin:
+            why = why or "before alignment"
+        elif event.time > end:
+            why = why or "after the IMU data"
+        if why:
+            updates.append(Update(event.time, event.kind, event.satellites, reason=why))
             continue
         kalman.propagate(event.time)
-        updates.append(_apply(sequence, kalman, event, config))
+        patience = config.filter.gate_patience
+        insist = 0 < patience <= refused[event.kind]
+        update = _apply(sequence, kalman, event, config, insist)
+        refused[event.kind] = 0 if update.accepted or insist else refused[event.kind] + 1
+        updates.append(update)
         if not np.isfinite(kalman.pos_e).all():
             raise DataError(
                 f"{sequence.name}: the solution diverged at {event.time:.1f} s",
@@ -210,9 +215,9 @@ def _filter(
 
 
 def _apply(
-    sequence: Sequence, kalman: ErrorStateFilter, event: GnssEvent, config: Config
+    sequence: Sequence, kalman: ErrorStateFilter, event: GnssEvent, config: Config, insist: bool
 ) -> Update:
-    """Offer one event to the filter."""
+    """Offer one event to the filter; with `insist`, enlarge the covariance until it fits."""
     calibration, states = sequence.calibration, kalman.model.states
     lever = calibration.lever_antenna_b
     if event.kind == "position":
@@ -224,6 +229,11 @@ def _apply(
         )
     outcome = kalman.update(m, config.filter.gate_probability)
     reason = "" if outcome.accepted else f"innovation test (NIS > {outcome.limit:.1f})"
+    if insist and not outcome.accepted:
+        factor = kalman.enlarge(m)
+        refused, outcome = outcome, kalman.update(m, config.filter.gate_probability)
+        reason = f"refused for long: covariance × {factor:.1f}"
+        outcome = dataclasses.replace(refused, accepted=outcome.accepted)
     return Update(
         event.time, event.kind, event.satellites, tuple(map(float, outcome.whitened)),
         outcome.nis, outcome.accepted, reason,

@@ -69,7 +69,7 @@ class Update:
         Normalised innovation squared; NaN when the update was not computed.
     accepted : bool
     reason : str
-        Why not accepted; '' when accepted.
+        Why not accepted; '' when accepted in the ordinary way.
     """
 
     time: float

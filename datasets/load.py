@@ -1,0 +1,122 @@
+"""Load a recording: recognise the folder by what is in it and hand it to its reader."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from datasets.comma2k19 import is_comma2k19, read_comma2k19
+from datasets.great import read_great
+from datasets.great_files import is_great
+from datasets.oakville import is_oakville, read_oakville
+from datasets.rtklibexplorer import is_rtklibexplorer, read_rtklibexplorer
+from datasets.sequence import Sequence
+from filters.errors import ConfigError, DataError
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of recording.
+
+    Attributes
+    ----------
+    detect : callable
+        Takes a folder, returns whether it is one.
+    read : callable
+        Takes the folder and the reader's options, returns a `Sequence`.
+    looks_like : str
+        What `detect` looks for, for the message when nothing matches.
+    """
+
+    detect: Callable[[Path], bool]
+    read: Callable[..., Sequence]
+    looks_like: str
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Names of the options the reader takes."""
+        parameters = inspect.signature(self.read).parameters.values()
+        return tuple(p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY)
+
+
+def _spirent() -> Format:
+    from datasets.instinct import is_spirent, read_spirent
+
+    return Format(is_spirent, read_spirent, "Rover-*_MO_*.obs with *_PVA_*.csv")
+
+
+#: Formats that need no GNSS library; `formats` adds the one that does.
+FORMATS: dict[str, Format] = {
+    "great": Format(is_great, read_great, "IMU/*.txt with GNSS/ or Groundtruth/, or great.toml"),
+    "comma2k19": Format(is_comma2k19, read_comma2k19, "processed_log/IMU with global_pose"),
+    "oakville": Format(is_oakville, read_oakville, "imu.csv[.gz] with gnss.csv[.gz]"),
+    "rtklibexplorer": Format(is_rtklibexplorer, read_rtklibexplorer, "imu_*.csv with gnss_*.pos"),
+}
+
+
+def formats() -> dict[str, Format]:
+    """Return all known formats by name."""
+    return {**FORMATS, "spirent": _spirent()}
+
+
+def recognise(path: str | Path) -> str:
+    """Return the name of the format a folder is in.
+
+    Raises
+    ------
+    DataError
+        A missing path, a folder nothing recognises, or one that two formats claim.
+    """
+    folder = Path(path)
+    if not folder.exists():
+        raise DataError("no such file or folder", file=folder, remedy="check the path")
+    if not folder.is_dir():
+        raise DataError("expected a folder, found a file", file=folder, remedy="name its folder")
+    known = formats()
+    found = [name for name, kind in known.items() if kind.detect(folder)]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        raise DataError(
+            f"both {' and '.join(found)} recognise this folder",
+            file=folder,
+            remedy="name one with format=…",
+        )
+    looked = "; ".join(f"{name}: {kind.looks_like}" for name, kind in known.items())
+    raise DataError(f"not recognised (looked for {looked})", file=folder)
+
+
+def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequence:
+    """Return the recording in a folder.
+
+    Parameters
+    ----------
+    path : path
+    format : str, optional
+        One of `formats`; default: recognised by the folder's contents, and said in the notes.
+    **options
+        The reader's own; see `read_great`, `read_comma2k19`, `read_oakville`,
+        `read_rtklibexplorer`, `datasets.instinct.read_spirent`.
+
+    Raises
+    ------
+    DataError
+        What cannot be recognised or read.
+    ConfigError
+        An unknown format or option, with the nearest known one.
+    """
+    known = formats()
+    if format is not None and format not in known:
+        raise ConfigError.unknown_key(format, known, where="format")
+    name = recognise(path) if format is None else format
+    reader = known[name]
+    for key in options:
+        if key not in reader.options:
+            raise ConfigError.unknown_key(key, reader.options, where=f"options of {name}")
+    sequence = reader.read(path, **options)
+    how = "as told" if format is not None else f"recognised by {reader.looks_like}"
+    return dataclasses.replace(sequence, notes=(f"read as {name}, {how}", *sequence.notes))

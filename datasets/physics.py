@@ -1,0 +1,293 @@
+"""Does the data obey physics? Tests of declared units, axes and time against motion.
+
+Gravity fixes the accelerometer: its mean over a drive is 9.8 m/s² and points up, which in
+forward-right-down axes is −z. Turns fix the gyro: its integral is the change of the course, so
+the slope of one against the other is 1, −1 where the axis is upside down, and 180/π or π/180
+where degrees and radians are mixed up.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from datasets.sequence import ImuData
+from filters.earth import C_en_of
+from filters.errors import DataError
+from filters.rotation import FloatArray
+from filters.sensors import STANDARD_GRAVITY
+
+#: Below this speed the course of a velocity is noise [m/s].
+MIN_COURSE_SPEED = 2.0
+#: Turning needed before a gyro is judged [rad].
+MIN_TURNED = np.pi / 2
+#: How far a slope may be from what it is taken for.
+SLOPE_TOLERANCE = 0.10
+#: Mean specific force of a drive may be off by bias and mounting [m/s²].
+GRAVITY_TOLERANCE = 0.6
+
+
+@dataclass(frozen=True)
+class TurnRatio:
+    """Gyro against course.
+
+    Attributes
+    ----------
+    ratio : float
+        Slope of the integrated yaw rate against the change of course; NaN without turns.
+    sigma : float
+        1σ of the slope.
+    turned : float
+        Sum of the turning it rests on [rad].
+    """
+
+    ratio: float
+    sigma: float
+    turned: float
+
+    @property
+    def conclusive(self) -> bool:
+        """Whether there is enough turning, and agreement, to judge by."""
+        return self.turned >= MIN_TURNED and self.sigma < SLOPE_TOLERANCE / 2 * abs(self.ratio)
+
+    def is_close_to(self, value: float) -> bool:
+        """Whether the slope is conclusive and within 10 % of `value`."""
+        return self.conclusive and abs(self.ratio / value - 1.0) < SLOPE_TOLERANCE
+
+
+def course_of(
+    pos_e: ArrayLike, vel_e: ArrayLike, min_speed: float = MIN_COURSE_SPEED
+) -> FloatArray:
+    """Return the course (clockwise from north) of ECEF velocities [rad], shape (n,).
+
+    NaN where the horizontal speed is below `min_speed` [m/s] or the velocity is unknown.
+    """
+    vel_n = np.einsum("nji,nj->ni", C_en_of(pos_e), np.asarray(vel_e, dtype=float))
+    slow = ~(np.hypot(vel_n[:, 0], vel_n[:, 1]) >= min_speed)
+    return np.where(slow, np.nan, np.arctan2(vel_n[:, 1], vel_n[:, 0]))
+
+
+def gyro_unit_ratio(
+    imu_time: ArrayLike,
+    yaw_rate: ArrayLike,
+    course_time: ArrayLike,
+    course: ArrayLike,
+    *,
+    span: float = 3.0,
+) -> TurnRatio:
+    """Return the slope of the integrated yaw rate against the change of course or heading.
+
+    Parameters
+    ----------
+    imu_time : array_like, shape (n,)
+        [s].
+    yaw_rate : array_like, shape (n,)
+        Rate about the down axis, in the unit under test; mean over the preceding interval.
+    course_time, course : array_like, shape (m,)
+        [s], [rad], clockwise from north; NaN where unknown (standing, reversing starts).
+    span : float
+        Both are compared over intervals of this length [s]: long against the time by which an
+        antenna's course leads the body's heading, short against the drift of a gyro bias.
+
+    Returns
+    -------
+    TurnRatio
+        An intercept (the gyro bias times `span`) is estimated and discarded.
+    """
+    t, w = np.asarray(imu_time, dtype=float), np.asarray(yaw_rate, dtype=float)
+    tc, c = np.asarray(course_time, dtype=float), np.asarray(course, dtype=float)
+    inside = (tc >= t[0]) & (tc <= t[-1])
+    tc, c = tc[inside], c[inside]
+    if tc.size < 3:
+        return TurnRatio(np.nan, np.inf, 0.0)
+    step = max(1, round(span / float(np.median(np.diff(tc)))))
+    angle = np.concatenate([[0.0], np.cumsum(w[1:] * np.diff(t))])
+    turn = _increments(c, step)
+    length = np.full(turn.size, np.nan)
+    length[: tc.size - step] = tc[step:] - tc[:-step]
+    good = np.isfinite(turn) & (length < 1.5 * step * float(np.median(np.diff(tc))))
+    stride = max(1, step // 2)  # overlapping by half: closer neighbours say the same
+    k = np.flatnonzero(good)[::stride]
+    if k.size < 4:
+        return TurnRatio(np.nan, np.inf, 0.0)
+    x = turn[k]
+    y = np.interp(tc[k + step], t, angle) - np.interp(tc[k], t, angle)
+    return _robust_slope(x, y, overlap=step / stride)
+
+
+def _increments(course: FloatArray, step: int) -> FloatArray:
+    """Return course[k + step] − course[k], followed through every sample between; NaN if broken."""
+    change = np.diff(course)
+    change = (change + np.pi) % (2.0 * np.pi) - np.pi
+    known = np.isfinite(change)
+    total = np.concatenate([[0.0], np.cumsum(np.where(known, change, 0.0))])
+    broken = np.concatenate([[0], np.cumsum(~known)])
+    out = np.full(course.size, np.nan)
+    if step < course.size:
+        clean = broken[step:] == broken[:-step]
+        out[: course.size - step][clean] = (total[step:] - total[:-step])[clean]
+    return out
+
+
+def _robust_slope(x: FloatArray, y: FloatArray, overlap: float) -> TurnRatio:
+    """Fit y = a + b·x without the outliers that reversing puts into the course.
+
+    The start is a weighted median of the slopes towards the centre, which an outlier in x cannot
+    move; what is then beyond 4 robust σ is left out of the least squares.
+    """
+    from_centre = x - np.median(x)
+    weight = np.abs(from_centre)
+    if weight.sum() == 0.0:
+        return TurnRatio(np.nan, np.inf, 0.0)
+    far = weight > 0.0
+    slope = (y - np.median(y))[far] / from_centre[far]
+    order = np.argsort(slope)
+    share = np.cumsum(weight[far][order])
+    b = float(slope[order][np.searchsorted(share, 0.5 * share[-1])])
+    residual = y - b * x
+    residual = residual - np.median(residual)
+    scale = 1.4826 * float(np.median(np.abs(residual)))
+    keep = np.abs(residual) <= 4.0 * scale + 1e-9 * (1.0 + np.abs(y).max())
+    x, y = x[keep], y[keep]
+    turned = float(np.abs(x).sum() / overlap)
+    spread = x - x.mean()
+    energy = float(spread @ spread)
+    if x.size < 4 or energy == 0.0:
+        return TurnRatio(np.nan, np.inf, turned)
+    b = float(spread @ (y - y.mean())) / energy
+    residual = y - y.mean() - b * spread
+    return TurnRatio(b, float(np.sqrt(residual @ residual / (x.size - 2) / energy)), turned)
+
+
+def decide_gyro_unit(ratio: TurnRatio, *, file: str | Path) -> tuple[str, str]:
+    """Return 'deg/s' or 'rad/s' for a gyro whose numbers were integrated as if in rad/s.
+
+    Parameters
+    ----------
+    ratio : TurnRatio
+        Of the unconverted numbers about the down axis.
+    file : path
+        The file under test, for the message.
+
+    Returns
+    -------
+    unit, evidence : str
+
+    Raises
+    ------
+    DataError
+        When there is too little turning, when the slope fits neither unit within 10 %, or when
+        its sign says that the axis points the other way.
+    """
+    for unit, value in (("rad/s", 1.0), ("deg/s", 180.0 / np.pi)):
+        if ratio.is_close_to(value):
+            slope = ratio.ratio / value
+            turned = np.degrees(ratio.turned)
+            return unit, (
+                f"gyro unit {unit}: integrated yaw rate / course change = {slope:.3f} "
+                f"± {ratio.sigma / value:.3f} over {turned:.0f}° of turning"
+            )
+        if ratio.is_close_to(-value):
+            raise DataError(
+                f"yaw rate has the wrong sign: in {unit} its integral is "
+                f"{ratio.ratio / value:.2f} times the course change",
+                file=file,
+                remedy="declare the axes (z up or down) the file really holds",
+            )
+    raise DataError(
+        "gyro unit cannot be told: integral / course change is "
+        f"{ratio.ratio:.3g} ± {ratio.sigma:.2g} over {np.degrees(ratio.turned):.0f}° of turning, "
+        "expected 1 (rad/s) or 57.3 (deg/s) within 10 %",
+        file=file,
+        remedy="declare gyro_unit='deg/s' or 'rad/s'",
+    )
+
+
+def check_gyro(
+    imu: ImuData, course_time: ArrayLike, course: ArrayLike, *, file: str | Path, declared: str
+) -> str:
+    """Verify unit and sign of the yaw gyro against the course, and return the evidence.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Converted as declared.
+    course_time, course : array_like, shape (m,)
+        [s], [rad]; NaN where unknown.
+    file : path
+    declared : str
+        What was declared, for the message: 'deg/s, RFU'.
+
+    Raises
+    ------
+    DataError
+        When the drive turns enough to tell, and contradicts the declaration.
+    """
+    found = gyro_unit_ratio(imu.time, imu.gyro_b[:, 2], course_time, course)
+    evidence = f"integrated yaw rate / course change = {found.ratio:.3g} ± {found.sigma:.1g}"
+    if not found.conclusive:
+        return f"gyro {declared}: taken as declared, too little turning to verify"
+    if found.is_close_to(1.0):
+        return f"gyro {declared}: verified, {evidence} over {np.degrees(found.turned):.0f}°"
+    if found.ratio < 0:
+        remedy = "the yaw axis is upside down: correct the declared axes"
+    elif found.is_close_to(180.0 / np.pi):
+        remedy = "the file is in deg/s: declare gyro_unit='deg/s'"
+    elif found.is_close_to(np.pi / 180.0):
+        remedy = "the file is in rad/s: declare gyro_unit='rad/s'"
+    else:
+        remedy = "check the gyro's unit, axes and time scale"
+    raise DataError(
+        f"gyro declared {declared} contradicts the course: {evidence}, expected 1",
+        file=file,
+        remedy=remedy,
+    )
+
+
+def check_gravity(accel_b: ArrayLike, *, file: str | Path, declared: str) -> str:
+    """Verify unit and up-axis of the accelerometer against gravity, and return the evidence.
+
+    Parameters
+    ----------
+    accel_b : array_like, shape (n, 3)
+        Specific force converted as declared: m/s², forward-right-down.
+    file : path
+    declared : str
+        What was declared, for the message: 'm/s², RFU'.
+
+    Raises
+    ------
+    DataError
+        When the mean is not 9.8 ± 0.6 m/s² or does not point up (−z) within 30°.
+    """
+    mean = np.asarray(accel_b, dtype=float).mean(axis=0)
+    size = float(np.linalg.norm(mean))
+    if abs(size - STANDARD_GRAVITY) > GRAVITY_TOLERANCE:
+        in_g, doubled = size * STANDARD_GRAVITY, size / STANDARD_GRAVITY
+        if abs(in_g - STANDARD_GRAVITY) < GRAVITY_TOLERANCE:
+            remedy = "the file is in g: declare accel_unit='g'"
+        elif abs(doubled - STANDARD_GRAVITY) < GRAVITY_TOLERANCE:
+            remedy = "the file is in m/s²: declare accel_unit='m/s2'"
+        else:
+            remedy = "check unit, and whether the file holds increments instead of rates"
+        raise DataError(
+            f"accelerometer declared {declared}: expected a mean of 9.8 m/s², found {size:.2f}",
+            file=file,
+            remedy=remedy,
+        )
+    if -mean[2] < size * np.cos(np.radians(30.0)):
+        axis = int(np.argmax(np.abs(mean)))
+        sign = "+" if mean[axis] > 0 else "−"
+        raise DataError(
+            f"accelerometer declared {declared}: expected up = −z after conversion to "
+            f"forward-right-down, found {sign}{'xyz'[axis]} ({mean.round(2)} m/s²)",
+            file=file,
+            remedy="declare the axes the file really holds",
+        )
+    tilt = np.degrees(np.arccos(np.clip(-mean[2] / size, -1.0, 1.0)))
+    return (
+        f"accelerometer {declared}: verified, mean {size:.3f} m/s², {tilt:.1f}° from the down axis"
+    )

@@ -1,0 +1,195 @@
+"""RTKLIB solution files (``.pos``): positions, and velocities where they were written.
+
+The comment line that names the columns says everything: time system (GPST or UTC), geodetic or
+ECEF, and which deviations follow. Time is a calendar date or week and seconds of week. The
+off-diagonal columns (sdne, sdeu, sdun; sdxy, sdyz, sdzx) are signed roots: the covariance is
+sd·|sd|.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from datasets import gpstime
+from datasets.sequence import GnssFixes, StrArray
+from datasets.text_tables import Table, increasing, read_lines, read_table
+from filters.earth import C_en_at, lla_to_ecef
+from filters.errors import DataError
+from filters.rotation import FloatArray
+
+#: RTKLIB's solution status, column Q.
+QUALITY = {1: "fixed", 2: "float", 3: "sbas", 4: "dgps", 5: "single", 6: "ppp", 7: "dr"}
+_GEODETIC = ("latitude(deg)", "longitude(deg)", "height(m)")
+_ECEF = ("x-ecef(m)", "y-ecef(m)", "z-ecef(m)")
+_TIME_SYSTEMS = ("GPST", "UTC")
+
+
+def is_pos(path: Path) -> bool:
+    """Return whether a file names RTKLIB's solution columns in its first lines."""
+    with path.open(encoding="utf-8", errors="replace") as stream:
+        head = [stream.readline() for _ in range(60)]
+    return _header(head) is not None
+
+
+def read_pos(path: str | Path) -> GnssFixes:
+    """Return the fixes of an RTKLIB solution file.
+
+    Raises
+    ------
+    DataError
+        No column header, baselines or degrees-minutes-seconds instead of coordinates, a height
+        above the geoid, an unknown time system, unreadable rows, time not increasing.
+    """
+    path = Path(path)
+    lines = read_lines(path)
+    found = _header(lines[:200])
+    if found is None:
+        raise DataError(
+            "no column header ('%  GPST  latitude(deg) …') found",
+            file=path,
+            remedy="write the solution with out-outhead=on",
+        )
+    line, system, names = found
+    _check_header(path, lines[: line + 1], line, system, names)
+    columns = ("date or week", "time", *names)
+    table = read_table(
+        path,
+        columns,
+        numeric=range(2, len(columns)),
+        text=(0, 1),
+        lines=lines,
+        is_data=lambda token: token[:1].isdigit(),
+    )
+    value = {name.split("(")[0]: table.values[:, k] for k, name in enumerate(names)}
+    time = _time(table, system)
+    increasing(table, time, "time")
+    quality = np.array([QUALITY.get(int(q), f"Q={int(q)}") for q in value["Q"]])
+    if set(_GEODETIC) <= set(names):
+        return _geodetic_fixes(time, value, quality)
+    return _ecef_fixes(time, value, quality)
+
+
+def _header(lines: list[str]) -> tuple[int, str, list[str]] | None:
+    """Return index of the column header, its time system and the names after the time."""
+    for k, line in enumerate(lines):
+        tokens = line.split()
+        if tokens[:1] == ["%"]:
+            tokens = tokens[1:]
+        elif line.startswith("%"):
+            tokens[0] = tokens[0][1:]
+        else:
+            continue
+        if "Q" in tokens and "ns" in tokens:
+            return k, tokens[0], tokens[1:]
+    return None
+
+
+def _check_header(path: Path, head: list[str], line: int, system: str, names: list[str]) -> None:
+    def refuse(problem: str, remedy: str) -> None:
+        raise DataError(problem, file=path, line=line + 1, remedy=remedy)
+
+    if system not in _TIME_SYSTEMS:
+        refuse(f"time system: expected GPST or UTC, found {system}", "set out-timesys=gpst")
+    if not (set(_GEODETIC) <= set(names) or set(_ECEF) <= set(names)):
+        refuse(
+            f"expected {' '.join(_GEODETIC)} or {' '.join(_ECEF)}, found {' '.join(names[:3])}",
+            "set out-solformat=llh and out-degform=deg",
+        )
+    if any("/geodetic" in comment for comment in head):
+        refuse("heights are above the geoid", "set out-height=ellipsoidal")
+
+
+def _time(table: Table, system: str) -> FloatArray:
+    """Return GPS time from calendar date and time of day, or from week and seconds of week."""
+    first, second = table.text
+    if "/" in str(first[0]):
+        form = "%Y/%m/%d %H:%M:%S.%f" if "." in str(second[0]) else "%Y/%m/%d %H:%M:%S"
+        stamps = pd.to_datetime(
+            pd.Series(first) + " " + pd.Series(second), format=form, errors="coerce"
+        )
+        _all_read(table, stamps.isna().to_numpy(), "2024/05/01 12:00:00.000")
+        time = (stamps - pd.Timestamp("1980-01-06")).dt.total_seconds().to_numpy()
+    else:
+        week, sow = (
+            pd.to_numeric(pd.Series(c), errors="coerce").to_numpy() for c in (first, second)
+        )
+        _all_read(table, ~np.isfinite(week + sow), "2300 345600.000")
+        time = gpstime.from_week_sow(week, sow)
+    if system == "UTC":  # a calendar date in UTC: Unix time, then with the leap seconds
+        unix_of_epoch = pd.Timestamp("1980-01-06").timestamp()
+        time = gpstime.from_unix(time + unix_of_epoch)
+    return time
+
+
+def _all_read(table: Table, bad: NDArray[np.bool_], example: str) -> None:
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise DataError(
+            f"time: expected as '{example}', found '{table.text[0][k]} {table.text[1][k]}'",
+            file=table.file,
+            line=int(table.line[k]),
+        )
+
+
+def _signed_square(value: FloatArray) -> FloatArray:
+    return value * np.abs(value)
+
+
+def _covariance(value: dict[str, FloatArray], kind: str, axes: str) -> FloatArray:
+    """Return covariances in the axes' order; NaN where the file has no deviations.
+
+    `kind` is 'sd' for position and 'sdv' for velocity, `axes` is 'neu' or 'xyz'; RTKLIB writes
+    the pairs 12, 23, 31.
+    """
+    n = next(iter(value.values())).size
+    out = np.full((n, 3, 3), np.nan)
+    if not all(f"{kind}{a}" in value for a in axes):
+        return out
+    for i, a in enumerate(axes):
+        out[:, i, i] = value[f"{kind}{a}"] ** 2
+        j = (i + 1) % 3
+        pair = value.get(f"{kind}{a}{axes[j]}")
+        out[:, i, j] = out[:, j, i] = 0.0 if pair is None else _signed_square(pair)
+    return out
+
+
+def _geodetic_fixes(time: FloatArray, value: dict[str, FloatArray], quality: StrArray) -> GnssFixes:
+    lat, lon = np.radians(value["latitude"]), np.radians(value["longitude"])
+    # RTKLIB's axes are north, east, up
+    C_e_neu = C_en_at(lat, lon) * np.array([1.0, 1.0, -1.0])
+
+    def to_e(cov: FloatArray) -> FloatArray:
+        return C_e_neu @ cov @ np.swapaxes(C_e_neu, 1, 2)
+
+    vel = _vector(value, ("vn", "ve", "vu"), time.size)
+    return GnssFixes(
+        time=time,
+        pos_e=lla_to_ecef(lat, lon, value["height"]),
+        pos_cov_e=to_e(_covariance(value, "sd", "neu")),
+        vel_e=np.einsum("nij,nj->ni", C_e_neu, vel),
+        vel_cov_e=to_e(_covariance(value, "sdv", "neu")),
+        satellites=value["ns"].astype(int),
+        quality=quality,
+    )
+
+
+def _ecef_fixes(time: FloatArray, value: dict[str, FloatArray], quality: StrArray) -> GnssFixes:
+    return GnssFixes(
+        time=time,
+        pos_e=_vector(value, ("x-ecef", "y-ecef", "z-ecef"), time.size),
+        pos_cov_e=_covariance(value, "sd", "xyz"),
+        vel_e=_vector(value, ("vx", "vy", "vz"), time.size),
+        vel_cov_e=_covariance(value, "sdv", "xyz"),
+        satellites=value["ns"].astype(int),
+        quality=quality,
+    )
+
+
+def _vector(value: dict[str, FloatArray], names: tuple[str, str, str], n: int) -> FloatArray:
+    if not all(name in value for name in names):
+        return np.full((n, 3), np.nan)
+    return np.column_stack([value[name] for name in names])

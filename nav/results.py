@@ -1,0 +1,243 @@
+"""The result directory of a run: what is in it, written in one move and read back whole.
+
+=====================  ========================================================================
+solution.csv           the IMU's trajectory, one row per output epoch (`nav.tables`)
+updates.csv            every measurement offered to the filter and what became of it:
+                       time_gps_s, kind, satellites (space separated), whitened innovation
+                       w1, w2, w3 …, nis, dof, accepted (1 or 0), reason
+epochs.csv             GNSS epochs: time_gps_s, satellites tracked, satellites usable
+reference_errors.csv   solution − reference at each compared reference epoch, with the filter's
+                       3σ; only when there is a reference
+config.toml            the configuration in force
+summary.json           figures of the run; strict JSON, what is not known is null
+report.html            all of it for people
+solution.pos …         exports that were asked for (`nav.formats`)
+=====================  ========================================================================
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from datasets.sequence import Sequence
+from filters.errors import DataError
+from nav.evaluation import Evaluation, without_reference
+from nav.formats import check_formats, write_formats
+from nav.solution import AlignmentReport, Solution
+from nav.summary import strict, summarise
+from nav.tables import (
+    read_epochs,
+    read_errors,
+    read_solution,
+    read_updates,
+    write_epochs,
+    write_errors,
+    write_solution,
+    write_updates,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A result directory, read back.
+
+    Parameters
+    ----------
+    path : Path
+    solution : Solution
+        With diagonal covariances (see `nav.tables`).
+    evaluation : Evaluation
+    summary : dict
+        summary.json as it stands.
+    config_text : str
+        config.toml as it stands.
+    """
+
+    path: Path
+    solution: Solution
+    evaluation: Evaluation
+    summary: dict[str, Any]
+    config_text: str
+
+    @property
+    def name(self) -> str:
+        """Name of the run."""
+        return self.solution.name
+
+
+def write_result(
+    out: Path,
+    solution: Solution,
+    evaluation: Evaluation,
+    sequence: Sequence,
+    config_text: str,
+    formats: Iterable[str] = (),
+) -> Path:
+    """Write the result directory `out` completely or not at all.
+
+    Everything is written beside `out` and then renamed into place; an earlier result there is
+    replaced.
+
+    Parameters
+    ----------
+    out : path
+    solution : Solution
+    evaluation : Evaluation
+    sequence : Sequence
+        What was navigated; its size, sensors and notes go into the summary.
+    config_text : str
+        Configuration in force, as TOML.
+    formats : iterable of str
+        Exports to add, keys of `nav.formats.FORMATS`.
+
+    Returns
+    -------
+    Path
+        `out`, resolved.
+
+    Raises
+    ------
+    DataError
+        If `out` exists and is not a result directory.
+    ConfigError
+        If a format is unknown.
+    """
+    from nav.report import write_report  # matplotlib is slow to import
+
+    out, formats = Path(out).resolve(), check_formats(formats)
+    check_replaceable(out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".new", dir=out.parent))
+    try:
+        write_solution(draft / "solution.csv", solution.trajectory)
+        write_updates(draft / "updates.csv", solution.updates)
+        write_epochs(draft / "epochs.csv", solution.epochs)
+        if evaluation.has_reference:
+            write_errors(draft / "reference_errors.csv", evaluation)
+        (draft / "config.toml").write_text(config_text, encoding="utf-8")
+        summary = strict(summarise(solution, evaluation, sequence))
+        text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
+        (draft / "summary.json").write_text(text + "\n", encoding="utf-8")
+        write_formats(draft, formats, solution.trajectory, solution.epochs)
+        write_report(draft)
+        umask = os.umask(0)
+        os.umask(umask)
+        draft.chmod(0o777 & ~umask)  # mkdtemp makes it private
+        _move_into_place(draft, out)
+    except BaseException:
+        shutil.rmtree(draft, ignore_errors=True)
+        raise
+    return out
+
+
+def check_replaceable(out: Path) -> None:
+    """Refuse (`DataError`) to write a result over anything but a result or an empty folder."""
+    if not out.exists() or is_result(out) or (out.is_dir() and not any(out.iterdir())):
+        return
+    raise DataError(
+        "exists and is not a certnav result directory",
+        file=out,
+        remedy="name another output directory, or remove this one",
+    )
+
+
+def is_result(path: Path) -> bool:
+    """Whether `path` is a directory whose summary.json is certnav's."""
+    try:
+        summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(summary, dict) and "certnav_version" in summary
+
+
+def _move_into_place(draft: Path, out: Path) -> None:
+    if not out.exists():
+        draft.rename(out)
+        return
+    aside = draft.with_suffix(".old")
+    out.rename(aside)
+    try:
+        draft.rename(out)
+    except BaseException:
+        aside.rename(out)
+        raise
+    shutil.rmtree(aside)
+
+
+def read_result(path: str | Path) -> Result:
+    """Read a result directory back.
+
+    Raises
+    ------
+    DataError
+        If it is not one, or if a file of it is missing or damaged.
+    """
+    path = Path(path)
+    if not is_result(path):
+        raise DataError(
+            "not a certnav result directory (no summary.json of certnav's)",
+            file=path,
+            remedy="give the directory a run has written",
+        )
+    summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
+    try:
+        alignment = summary["alignment"]
+        solution = Solution(
+            name=summary["name"],
+            trajectory=read_solution(path / "solution.csv"),
+            updates=read_updates(path / "updates.csv"),
+            alignment=AlignmentReport(
+                alignment["status"],
+                alignment["method"],
+                _number(alignment["gps_time_s"]),
+                _number(alignment["time_s"]),
+                np.deg2rad(_number(alignment["sigma_heading_deg"])),
+                alignment["message"],
+            ),
+            epochs=read_epochs(path / "epochs.csv"),
+            notes=tuple(summary["notes"]),
+            timing={k: v for k, v in summary["timing"].items() if v is not None},
+        )
+        evaluation = _read_evaluation(path / "reference_errors.csv", summary)
+    except (KeyError, TypeError) as error:
+        raise DataError(
+            f"expected key {error} of a certnav summary",
+            file=path / "summary.json",
+            remedy="written by another version? run the sequence again",
+        ) from error
+    return Result(path, solution, evaluation, summary, _read_text(path / "config.toml"))
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise DataError(f"cannot be read: {error.strerror}", file=path) from error
+
+
+def _read_evaluation(path: Path, summary: Mapping[str, Any]) -> Evaluation:
+    reference = summary["reference"]
+    if reference is None:
+        return without_reference(summary["consistency"]["nis_mean"])
+    return Evaluation(
+        metrics=summary["errors"],
+        consistency=summary["consistency"],
+        **read_errors(path),
+        misalignment_rpy=np.deg2rad([_number(v) for v in reference["misalignment_rpy_deg"]]),
+        left_out=reference["epochs_left_out"],
+        source=reference["source"],
+        point=reference["point"],
+    )

@@ -1,0 +1,231 @@
+"""Velocity and receiver clock drift from four or more Doppler measurements, with fault exclusion.
+
+Weighted least squares of ``z = e·v_e − cδṫ_r`` (DDIA-VE eqs. (5), (6)); rows as
+`range_rate.doppler_rows` makes them. A chi-square test of the residuals detects faults; excluded
+are the fewest rows whose absence makes it pass, and of several such sets the best fitting.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from datasets.sequence import GnssObservations
+from filters.fault_exclusion import consistent_rows
+from filters.rotation import FloatArray
+from velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows
+
+#: Reason given to rows that the residual test excludes.
+REJECTED = "doppler residual"
+
+
+@dataclass(frozen=True, eq=False)
+class DopplerVelocity:
+    """Least-squares velocity of one epoch, with everything needed to judge it.
+
+    Attributes
+    ----------
+    time : float
+        GPS time [s].
+    status : {'ok', 'too few satellites', 'degenerate geometry', 'inconsistent'}
+        Numbers below are NaN unless 'ok'. 'inconsistent': the residual test fails and there are
+        too few rows to tell which is wrong.
+    vel_e : ndarray, shape (3,)
+        Antenna velocity, ECEF [m/s].
+    cov_e : ndarray, shape (3, 3)
+        Its covariance [m²/s²], already multiplied by `variance_factor`.
+    clock_drift : float
+        c·δṫ_r [m/s].
+    satellites : tuple of str
+        Used satellites.
+    row : ndarray of int
+        Used rows of the observations given.
+    residuals : ndarray
+        z − model of the used rows [m/s].
+    rejected : tuple of int
+        Rows of the observations excluded for 'doppler residual'.
+    dof : int
+        Used rows − 4. With 0 nothing has checked the solution.
+    chi2 : float
+        Σ(residual/σ)².
+    variance_factor : float
+        max(1, chi2/dof): what the residuals say the assumed σ² lack.
+    """
+
+    time: float
+    status: str
+    vel_e: FloatArray
+    cov_e: FloatArray
+    clock_drift: float
+    satellites: tuple[str, ...]
+    row: NDArray[np.int64]
+    residuals: FloatArray
+    rejected: tuple[int, ...]
+    dof: int
+    chi2: float
+    variance_factor: float
+
+    @property
+    def ok(self) -> bool:
+        """True if there is a velocity."""
+        return self.status == "ok"
+
+
+class Solution(NamedTuple):
+    """Weighted least squares of one set of rows: state [v_e, cδṫ_r] and what it leaves."""
+
+    state: FloatArray
+    cov: FloatArray
+    residuals: FloatArray
+    chi2: float
+
+
+def solve(e_e: ArrayLike, z: ArrayLike, sigma: ArrayLike, max_dop: float = 20.0) -> Solution | None:
+    """Return the weighted least-squares solution, or None if the geometry is degenerate.
+
+    Parameters
+    ----------
+    e_e : array_like, shape (n, 3)
+        Lines of sight, receiver to satellite, n ≥ 4.
+    z, sigma : array_like, shape (n,)
+        Measurement and its 1σ [m/s].
+    max_dop : float
+        Largest velocity DOP √tr((HᵀH)⁻¹)₃ₓ₃ taken for a solution.
+    """
+    e_e, z, sigma = (np.asarray(a, dtype=float) for a in (e_e, z, sigma))
+    H = np.column_stack([e_e, -np.ones(len(z))])
+    normal = H.T @ H
+    eigenvalues = np.linalg.eigvalsh(normal)
+    if eigenvalues[0] <= 1e-12 * eigenvalues[-1]:
+        return None
+    if np.sqrt(np.trace(np.linalg.inv(normal)[:3, :3])) > max_dop:
+        return None
+    q, r = np.linalg.qr(H / sigma[:, None])
+    r_inverse = np.linalg.inv(r)
+    state = r_inverse @ (q.T @ (z / sigma))
+    residuals = z - H @ state
+    return Solution(
+        state,
+        r_inverse @ r_inverse.T,
+        residuals,
+        float(np.sum((residuals / sigma) ** 2)),
+    )
+
+
+def doppler_velocity(
+    rows: DopplerRows,
+    time: float,
+    *,
+    significance: float = 1e-3,
+    max_dop: float = 20.0,
+) -> DopplerVelocity:
+    """Return the velocity of one epoch.
+
+    Parameters
+    ----------
+    rows : DopplerRows
+        All rows of the epoch.
+    time : float
+        GPS time [s].
+    significance : float
+        Probability that the test accuses fault-free rows.
+    max_dop : float
+        Larger velocity DOPs are 'degenerate geometry'.
+    """
+    if len(rows) < 4:
+        return _nothing(time, "too few satellites")
+    H = np.column_stack([rows.e_e, -np.ones(len(rows))])
+    if solve(rows.e_e, rows.z, rows.sigma, max_dop) is None:
+        return _nothing(time, "degenerate geometry")
+
+    def solvable(keep: NDArray[np.bool_]) -> bool:
+        return solve(rows.e_e[keep], rows.z[keep], rows.sigma[keep], max_dop) is not None
+
+    keep = consistent_rows(H, rows.z, rows.sigma, significance, solvable)
+    if keep is None:
+        return _nothing(time, "inconsistent")
+    solution = solve(rows.e_e[keep], rows.z[keep], rows.sigma[keep], max_dop)
+    assert solution is not None
+    return _result(rows, keep, solution, time)
+
+
+def doppler_velocities(
+    observations: GnssObservations,
+    pos_e: ArrayLike,
+    *,
+    noise: DopplerNoise | None = None,
+    significance: float = 1e-3,
+    max_dop: float = 20.0,
+) -> list[DopplerVelocity]:
+    """Return one `DopplerVelocity` per epoch; `row` and `rejected` index `observations`.
+
+    Parameters
+    ----------
+    observations : GnssObservations
+        One signal per satellite; rejected rows take no part.
+    pos_e : array_like, shape (3,) or (n, 3)
+        Antenna [m], one for all or one per row; within about 100 m.
+    noise : DopplerNoise, optional
+    significance, max_dop : float
+        As for `doppler_velocity`.
+    """
+    rows = doppler_rows(observations, pos_e, noise)
+    out = []
+    for time, epoch in observations.epochs():
+        part = slice(*np.searchsorted(rows.row, [epoch.start, epoch.stop]))
+        out.append(
+            doppler_velocity(rows.take(part), time, significance=significance, max_dop=max_dop)
+        )
+    return out
+
+
+def _result(
+    rows: DopplerRows, keep: NDArray[np.bool_], solution: Solution, time: float
+) -> DopplerVelocity:
+    dof = int(keep.sum()) - 4
+    factor = max(1.0, solution.chi2 / dof) if dof else 1.0
+    return DopplerVelocity(
+        time=time,
+        status="ok",
+        vel_e=solution.state[:3],
+        cov_e=factor * solution.cov[:3, :3],
+        clock_drift=float(solution.state[3]),
+        satellites=tuple(map(str, rows.sat[keep])),
+        row=rows.row[keep],
+        residuals=solution.residuals,
+        rejected=tuple(map(int, rows.row[~keep])),
+        dof=dof,
+        chi2=solution.chi2,
+        variance_factor=factor,
+    )
+
+
+def _nothing(time: float, status: str) -> DopplerVelocity:
+    return DopplerVelocity(
+        time=time,
+        status=status,
+        vel_e=np.full(3, np.nan),
+        cov_e=np.full((3, 3), np.nan),
+        clock_drift=np.nan,
+        satellites=(),
+        row=np.zeros(0, dtype=np.int64),
+        residuals=np.zeros(0),
+        rejected=(),
+        dof=0,
+        chi2=np.nan,
+        variance_factor=np.nan,
+    )
+
+
+def mark_rejected(
+    observations: GnssObservations, velocities: Iterable[DopplerVelocity]
+) -> GnssObservations:
+    """Return the observations with the rows the velocities excluded marked 'doppler residual'."""
+    mask = np.zeros(len(observations), dtype=bool)
+    for velocity in velocities:
+        mask[list(velocity.rejected)] = True
+    return observations.mark(mask, REJECTED)
