@@ -22,7 +22,7 @@ from filters.strapdown import InertialStream
 LEVEL_WINDOW = 20.0
 #: Shortest standstill that counts as one [s].
 SHORTEST_REST = 3.0
-#: Shortest quiet stretch without GNSS that counts: uniform braking is quiet too, but not as long [s].
+#: Shortest quiet stretch without GNSS that counts [s]; uniform braking is quiet, but shorter.
 SHORTEST_UNSEEN = 8.0
 #: GNSS speed above which the vehicle is certainly moving [m/s].
 REST_SPEED = 0.5

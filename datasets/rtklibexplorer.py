@@ -1,9 +1,8 @@
 """rtklibexplorer/GNSS_IMU: a car with an ICM-45686 and an RTK receiver (drive_0708).
 
-``imu_*.csv`` without header: ax ay az [g], gx gy gz [deg/s], sensor clock [ms]; sensor axes
-back-right-… as mounted: x backward, y right, z up, a left-handed-looking triple that is
-right-handed all the same (x back × y right = z up). ``.tag`` beside it is RTKLIB's time tag: the
-GPS time at which the log was opened. ``gnss_*.pos`` is an RTKLIB solution, position and velocity.
+``imu_*.csv`` without header: ax ay az [g], gx gy gz [deg/s], sensor clock [ms]; sensor axes as
+mounted are back-right-up. ``.tag`` beside it is RTKLIB's time tag: the GPS time at which the log
+was opened. ``gnss_*.pos`` is an RTKLIB solution, position and velocity.
 
 The first sample is taken at the tag's start time. Measured on the set: propagating the IMU over
 33 windows of 15 s against the RTK velocity puts the offset at 0.00 ± 0.01 s; lines reached
@@ -127,7 +126,8 @@ def read_tag_start(path: str | Path) -> float:
     """
     path = Path(path)
     try:
-        head = path.open("rb").read(76)
+        with path.open("rb") as stream:
+            head = stream.read(76)
     except FileNotFoundError:
         raise DataError(
             "time tag not found: the IMU file holds no date", file=path, remedy="copy the .tag file"

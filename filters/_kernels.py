@@ -110,9 +110,11 @@ def strapdown_step(pos, vel, C, omega, force, omega_slope, force_slope, dt, v, R
     _cross(omega, omega_slope, tmp)
     for i in range(3):
         rotvec[i] = omega[i] * dt + twelfth * tmp[i]
+    # Rotation of the specific force during the step, to second order in the angle.
     _cross(omega, force, tmp)
+    _cross(omega, tmp, g)
     for i in range(3):
-        dv_b[i] = force[i] * dt + 0.5 * dt * dt * tmp[i]
+        dv_b[i] = force[i] * dt + 0.5 * dt * dt * tmp[i] + dt * dt * dt / 6.0 * g[i]
     _cross(force, omega_slope, tmp)
     for i in range(3):
         dv_b[i] += twelfth * tmp[i]

@@ -42,6 +42,10 @@ class Outcome:
     limit: float
 
 
+#: Position [m], velocity [m/s] and attitude [rad] errors beyond which enlarging P is pointless.
+_LOST = np.repeat([1000.0, 30.0, 1.0], 3)
+
+
 @lru_cache(maxsize=64)
 def gate_limit(dof: int, probability: float) -> float:
     """Return the χ² value that a correct innovation of `dof` exceeds with `probability`."""
@@ -163,7 +167,8 @@ class ErrorStateFilter:
 
         For a filter that has refused measurements for too long: all correlations stay, all
         standard deviations grow alike. The limit keeps a run of bad measurements from throwing a
-        good filter off; a filter that is really lost gets there in several rounds.
+        good filter off; a filter that is really lost gets there in several rounds, and P never
+        grows beyond a kilometre, 30 m/s and a radian.
 
         Returns
         -------
@@ -171,6 +176,8 @@ class ErrorStateFilter:
             The factor; 1 where the NIS is low already.
         """
         S = measurement.H @ self.P @ measurement.H.T
+        ceiling = float((_LOST**2 / np.diag(self.P)[: _LOST.size]).min())
+        limit = max(1.0, min(limit, ceiling))
         factor = 1.0
         while factor < limit:
             z = measurement.z

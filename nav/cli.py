@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from nav.solution import Solution
 
 #: The demo: a drive through street canyons, long enough for satellites to come and go.
-DEMO_SEED, DEMO_DURATION = 8, 600.0
+DEMO_SEED, DEMO_DURATION = 2, 600.0
 
 
 def main(argv: list[str] | None = None) -> int:

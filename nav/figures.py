@@ -232,8 +232,16 @@ def innovations(result: Result) -> Figure | None:
         axes.plot(t[~accepted], shown[~accepted], "x", color=VERMILLION, markersize=5.5,
                   markeredgewidth=1.4, rasterized=raster, label="rejected by the gate")  # fmt: skip
         if overruled.any():
-            axes.plot(t[overruled], shown[overruled], "D", color="white", markersize=4.0,
-                      markeredgecolor=ORANGE, markeredgewidth=1.4, label="gate overruled")  # fmt: skip
+            axes.plot(
+                t[overruled],
+                shown[overruled],
+                "D",
+                color="white",
+                markersize=4.0,
+                markeredgecolor=ORANGE,
+                markeredgewidth=1.4,
+                label="gate overruled",
+            )
         for level in (-3.0, 3.0):
             axes.axhline(level, color=INK, linewidth=0.8, linestyle=(0, (4, 3)))
         axes.set_title(kind)

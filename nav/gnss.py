@@ -10,6 +10,7 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from datasets.sequence import GnssFixes, GnssObservations, Sequence
 from filters.earth import SPEED_OF_LIGHT
@@ -68,35 +69,65 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         If a source is asked for that the sequence does not have.
     """
     position, velocity = sources(sequence, config)
-    observations, notes = sequence.observations, [f"positions: {position}; velocities: {velocity}"]
-    events: list[GnssEvent] = []
-    approximate = sequence.fixes
-    if observations is not None:
-        observations = _weak_marked(observations, config)
-    if position == "spp":
-        assert observations is not None
-        spp_events, approximate = _single_point_events(observations, sequence, config)
-        events += spp_events
-    elif position == "carried":
+    notes = (f"positions: {position}; velocities: {velocity}",)
+    if sequence.observations is None:
         assert sequence.fixes is not None
-        events += _carried(sequence.fixes, "position", config)
-    if observations is not None and approximate is not None and len(approximate):
-        observations = _masked(observations, approximate, config)
-    epochs = _epochs(observations, sequence.fixes)
+        events = [
+            *(_carried(sequence.fixes, "position", config) if position != "none" else ()),
+            *(_carried(sequence.fixes, "velocity", config) if velocity != "none" else ()),
+        ]
+        epochs = Epochs(sequence.fixes.time, sequence.fixes.satellites, sequence.fixes.satellites)
+        return GnssTimeline(_in_order(events), epochs, None, notes)
+
+    observations = sequence.observations.mark(
+        sequence.observations.cn0 < config.min_cn0_dbhz, "weak signal"
+    )
+    events, where, faulty = [], None, np.zeros(len(observations), dtype=bool)
+    if position == "spp":
+        events, where, faulty = _single_point(observations, sequence, config)
+    elif sequence.fixes is not None:
+        fixes = sequence.fixes
+        where = _Whereabouts(fixes.time, fixes.pos_e, np.zeros(len(fixes)))
+        if position == "carried":
+            events = _carried(fixes, "position", config)
+    if where is not None and where.time.size:
+        observations = _masked(observations, where, config)
+    epochs = _count(observations)
     if velocity == "doppler":
-        assert observations is not None
-        if approximate is None or not len(approximate):
+        if where is None or not where.time.size:
             raise ConfigError(
                 "gnss.velocity: Doppler needs an approximate position, and there is none — "
                 "add navigation files for single-point positions"
             )
-        doppler_events, observations = _doppler_events(observations, approximate, config)
-        events += doppler_events
+        velocities, observations = _doppler(observations, where, config)
+        events += velocities
     elif velocity == "carried":
         assert sequence.fixes is not None
         events += _carried(sequence.fixes, "velocity", config)
-    events.sort(key=lambda event: (event.time, event.kind))
-    return GnssTimeline(tuple(events), epochs, observations, tuple(notes))
+    # Marked last: a faulty pseudorange says nothing about the Doppler, which has its own test.
+    observations = observations.mark(faulty, "pseudorange residual")
+    return GnssTimeline(_in_order(events), epochs, observations, notes)
+
+
+def _in_order(events: list[GnssEvent]) -> tuple[GnssEvent, ...]:
+    return tuple(sorted(events, key=lambda event: (event.time, event.kind)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Whereabouts:
+    """Where the antenna roughly was, and how far off the receiver's clock."""
+
+    time: FloatArray  # by the receiver's clock [s]
+    pos_e: FloatArray
+    clock: FloatArray  # [s], receiver − GPS time
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Return positions interpolated to `time`, held beyond the ends, shape (n, 3)."""
+        return np.column_stack([np.interp(time, self.time, column) for column in self.pos_e.T])
+
+    def true_time(self, time: float) -> float:
+        """Return the GPS time of an epoch that the receiver labels `time`."""
+        return time - float(np.interp(time, self.time, self.clock))
 
 
 def sources(sequence: Sequence, config: GnssConfig) -> tuple[str, str]:
@@ -148,10 +179,10 @@ def _carried(fixes: GnssFixes, kind: str, config: GnssConfig) -> list[GnssEvent]
     ]
 
 
-def _single_point_events(
+def _single_point(
     observations: GnssObservations, sequence: Sequence, config: GnssConfig
-) -> tuple[list[GnssEvent], GnssFixes]:
-    """Return RTKLIB single-point positions as events, and as approximate positions."""
+) -> tuple[list[GnssEvent], _Whereabouts, NDArray[np.bool_]]:
+    """Return single-point positions as events and as whereabouts, and the rows found faulty."""
     from datasets.rtklib import single_point
 
     spp = single_point(
@@ -163,84 +194,69 @@ def _single_point_events(
         raim=config.raim,
         code_sigma=config.code_sigma_m,
     )
-    names = {
-        t: tuple(observations.sat[rows][observations.usable[rows]])
-        for t, rows in observations.epochs()
-    }
+    where = _Whereabouts(spp.fixes.time, spp.fixes.pos_e, spp.clock / SPEED_OF_LIGHT)
+    scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
     events = [
-        GnssEvent(
-            float(t - clock / SPEED_OF_LIGHT),
-            "position",
-            pos_e,
-            _sigma(cov, config.position_sigma_scale, config.position_sigma_floor_m),
-            tuple(map(str, names[float(t)])),
-        )
-        for t, clock, pos_e, cov in zip(
-            spp.fixes.time, spp.clock, spp.fixes.pos_e, spp.fixes.pos_cov_e, strict=True
+        GnssEvent(time, "position", pos_e, _sigma(cov, scale, floor), satellites)
+        for time, pos_e, cov, satellites in zip(
+            where.time - where.clock,
+            spp.fixes.pos_e,
+            spp.fixes.pos_cov_e,
+            spp.satellites,
+            strict=True,
         )
     ]
-    events += [
-        GnssEvent(t, "position", *_NOTHING, reason=f"no fix: {why}") for t, why in spp.failed
-    ]
-    return events, spp.fixes
+    for time, why in spp.failed:
+        at = where.true_time(time) if where.time.size else time
+        events.append(GnssEvent(at, "position", *_NOTHING, reason=f"no fix: {_category(why)}"))
+    faulty = np.zeros(len(observations), dtype=bool)
+    faulty[list(spp.rejected)] = True
+    return events, where, faulty
 
 
 def _category(message: str) -> str:
-    """Return RTKLIB's message without its numbers, so that like reasons count together."""
+    """Return a message of RTKLIB without its numbers, so that like reasons count together."""
     return re.sub(r"\s*\b\w+=\S+", "", message).strip()
 
 
-def _weak_marked(observations: GnssObservations, config: GnssConfig) -> GnssObservations:
-    """Return the observations with signals below the C/N0 limit marked."""
-    return observations.mark(observations.cn0 < config.min_cn0_dbhz, "weak signal")
-
-
-def approximate_positions(fixes: GnssFixes, time: FloatArray) -> FloatArray:
-    """Return positions interpolated to `time` and held beyond the ends, shape (n, 3)."""
-    return np.column_stack([np.interp(time, fixes.time, fixes.pos_e[:, k]) for k in range(3)])
-
-
 def _masked(
-    observations: GnssObservations, fixes: GnssFixes, config: GnssConfig
+    observations: GnssObservations, where: _Whereabouts, config: GnssConfig
 ) -> GnssObservations:
     """Return the observations with elevations filled in and low satellites marked."""
     from velocity.range_rate import with_elevation
 
-    observations = with_elevation(observations, approximate_positions(fixes, observations.time))
+    observations = with_elevation(observations, where.at(observations.time))
     low = observations.elevation < np.radians(config.elevation_mask_deg)
     return observations.mark(low, "below elevation mask")
 
 
-def _doppler_events(
-    observations: GnssObservations, fixes: GnssFixes, config: GnssConfig
+def _doppler(
+    observations: GnssObservations, where: _Whereabouts, config: GnssConfig
 ) -> tuple[list[GnssEvent], GnssObservations]:
     """Return a least-squares velocity, or the reason for none, for every epoch.
 
     Rows that its residual test excludes come back marked.
     """
-    from velocity.least_squares import REJECTED, doppler_velocities
+    from velocity.least_squares import doppler_velocities, mark_rejected
 
-    events: list[GnssEvent] = []
-    faulty = np.zeros(len(observations), dtype=bool)
-    positions = approximate_positions(fixes, observations.time)
-    for found in doppler_velocities(observations, positions):
-        faulty[list(found.rejected)] = True
-        satellites = tuple(map(str, found.satellites))
-        if found.ok:
-            cov = _sigma(found.cov_e, config.velocity_sigma_scale, config.velocity_sigma_floor_mps)
-            events.append(GnssEvent(found.time, "velocity", found.vel_e, cov, satellites))
-        else:
-            events.append(
-                GnssEvent(found.time, "velocity", *_NOTHING, satellites, reason=found.status)
-            )
-    return events, observations.mark(faulty, REJECTED)
+    velocities = doppler_velocities(observations, where.at(observations.time))
+    scale, floor = config.velocity_sigma_scale, config.velocity_sigma_floor_mps
+    events = [
+        GnssEvent(
+            where.true_time(found.time),
+            "velocity",
+            found.vel_e,
+            _sigma(found.cov_e, scale, floor),
+            tuple(map(str, found.satellites)),
+            "" if found.ok else found.status,
+        )
+        for found in velocities
+    ]
+    return events, mark_rejected(observations, velocities)
 
 
-def _epochs(observations: GnssObservations | None, fixes: GnssFixes | None) -> Epochs:
+def _count(observations: GnssObservations) -> Epochs:
     """Count satellites per epoch: tracked, and usable with Doppler after screening."""
-    if observations is None:
-        assert fixes is not None
-        return Epochs(fixes.time, fixes.satellites, fixes.satellites)
     doppler = observations.has_range_rate
     times, tracked, usable = [], [], []
     for time, rows in observations.epochs():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets import gpstime
+from datasets import gpstime, rtklib
 from datasets.rtklib import (
     ionosphere_delay,
     read_observations,
@@ -13,7 +13,6 @@ from datasets.rtklib import (
     single_point,
     troposphere_delay,
 )
-from datasets.sequence import GnssObservations
 from filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of, lla_to_ecef
 from filters.errors import ConfigError, DataError
 from velocity.least_squares import doppler_velocities
@@ -425,5 +424,15 @@ def test_live_sky_static_receiver(data_dir):
         assert abs(np.median((rows.z - drift)[of_system])) < 0.003
 
 
-def test_observations_are_the_shared_type(rover, navigation):
-    assert isinstance(read_observations(rover, navigation), GnssObservations)
+@pytest.mark.parametrize("systems", ["G", "R", "E", "C", "GREC"])
+def test_fault_test_weighs_as_pntpos_does(data_dir, systems):
+    """RTKLIB keeps its σ to itself: the ones rebuilt here must give its covariance."""
+    folder = data_dir / "instinct" / "tckf_static"
+    nav = [folder / "reach-m2-01_raw_202306291111.nav"]
+    obs = read_observations(folder / "reach-m2-01_raw_202306291111.23O", nav, systems=systems)
+    options = rtklib._spp_options(np.radians(10.0), "broadcast", "saastamoinen", 0.9)
+    engine = rtklib._PointEngine(rtklib._navigation(nav), options, obs)
+    _, rows = next(obs.epochs())
+    point = engine.solve(np.flatnonzero(obs.usable[rows]))
+    covariance = np.linalg.inv(point.H.T @ (point.H / point.sigma[:, None] ** 2))[:3, :3]
+    np.testing.assert_allclose(covariance, point.cov_e, rtol=1e-5)

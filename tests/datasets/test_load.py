@@ -1,0 +1,98 @@
+"""Folders are recognised by what is in them; mistakes are one line."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+import pytest
+
+from datasets.load import formats, load, recognise
+from datasets.text_tables import read_table
+from filters.errors import ConfigError, DataError, NavError
+
+REAL = {
+    "comma2k19-example1": "comma2k19",
+    "rtklibexplorer-drive": "rtklibexplorer",
+    "oakville-drives/urban-medium-turn-loop-nominal-001": "oakville",
+    "instinct/spirent_dynamic": "spirent",
+}
+
+
+@pytest.mark.parametrize(("folder", "name"), REAL.items())
+def test_real_sets_are_recognised(data_dir, folder, name):
+    assert recognise(data_dir / folder) == name
+
+
+def touch(root: Path, *names: str) -> Path:
+    for name in names:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).write_text("")
+    return root
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["IMU/MEMS_imu_data.txt", "Groundtruth/groundtruth.txt"], "great"),
+        (["imu/ADIS.TXT", "gnss/rover/SEPT3030.20O"], "great"),
+        (["great.toml"], "great"),
+        (["processed_log/IMU/gyro/t", "global_pose/frame_times"], "comma2k19"),
+        (["imu.csv.gz", "gnss.csv"], "oakville"),
+        (["imu_1.csv", "gnss_1.pos"], "rtklibexplorer"),
+    ],
+)
+def test_recognised_by_content(tmp_path, names, expected):
+    assert recognise(touch(tmp_path, *names)) == expected
+
+
+def test_unrecognised_lists_what_was_looked_for_in_one_line(tmp_path):
+    with pytest.raises(DataError, match="not recognised") as caught:
+        load(tmp_path)
+    assert "\n" not in str(caught.value)
+    for name in formats():
+        assert f"{name}: " in str(caught.value)
+
+
+def test_missing_path_and_file_instead_of_folder(tmp_path):
+    with pytest.raises(DataError, match="no such file or folder"):
+        load(tmp_path / "nowhere")
+    with pytest.raises(DataError, match="expected a folder, found a file"):
+        load(touch(tmp_path, "a.txt") / "a.txt")
+
+
+def test_two_formats_in_one_folder_ask_for_one(tmp_path):
+    touch(tmp_path, "imu.csv", "gnss.csv", "imu_1.csv", "gnss_1.pos")
+    with pytest.raises(DataError, match=r"oakville and rtklibexplorer.*format="):
+        load(tmp_path)
+
+
+def test_format_and_options_are_checked_before_anything_is_read(tmp_path):
+    touch(tmp_path, "imu.csv", "gnss.csv")
+    with pytest.raises(ConfigError, match="did you mean 'oakville'"):
+        load(tmp_path, format="oakvile")
+    with pytest.raises(ConfigError, match=r"options of oakville: .*did you mean 'preset'"):
+        load(tmp_path, presets="consumer")
+    with pytest.raises(ConfigError, match=r"options of great: .*did you mean 'lever'"):
+        load(touch(tmp_path / "g", "great.toml"), levers="figure")
+
+
+def test_the_notes_say_what_the_folder_was_taken_for(data_dir):
+    folder = data_dir / "oakville-drives/parking-lot-figure8-nominal-001"
+    assert load(folder).notes[0].startswith("read as oakville, recognised by")
+    assert load(folder, format="oakville").notes[0] == "read as oakville, as told"
+
+
+def test_every_reader_takes_a_path_and_keyword_options_only():
+    for kind in formats().values():
+        first, *rest = inspect.signature(kind.read).parameters.values()
+        assert first.name == "path"
+        assert all(p.kind is inspect.Parameter.KEYWORD_ONLY for p in rest)
+
+
+@pytest.mark.parametrize("text", ["", "a b c\n", "1 2\n", "1 2 3 4\n", "1 x 3\n", "1 nan 3\n"])
+def test_no_table_is_ever_half_read(tmp_path, text):
+    file = tmp_path / "t.txt"
+    file.write_text(text)
+    with pytest.raises(NavError, match=r"t\.txt"):
+        read_table(file, ("a", "b", "c"))
