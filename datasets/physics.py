@@ -136,7 +136,8 @@ def _robust_slope(x: FloatArray, y: FloatArray, overlap: float) -> TurnRatio:
     """Fit y = a + b·x without the outliers that reversing puts into the course.
 
     The start is a weighted median of the slopes towards the centre, which an outlier in x cannot
-    move; what is then beyond 4 robust σ is left out of the least squares.
+    move. What is then off by more than 4 robust σ and a fifth of the turn itself is left out of
+    the least squares; σ alone is that of the straights, and would leave out the turns.
     """
     from_centre = x - np.median(x)
     weight = np.abs(from_centre)
@@ -150,7 +151,7 @@ def _robust_slope(x: FloatArray, y: FloatArray, overlap: float) -> TurnRatio:
     residual = y - b * x
     residual = residual - np.median(residual)
     scale = 1.4826 * float(np.median(np.abs(residual)))
-    keep = np.abs(residual) <= 4.0 * scale + 1e-9 * (1.0 + np.abs(y).max())
+    keep = np.abs(residual) <= 4.0 * scale + 0.2 * np.abs(b * x) + 1e-9 * (1.0 + np.abs(y).max())
     x, y = x[keep], y[keep]
     turned = float(np.abs(x).sum() / overlap)
     spread = x - x.mean()

@@ -12,8 +12,8 @@ filter, so the raw figures stay the headline.
 
 Consistency: `nees_position_mean` is the mean of eᵀP⁻¹e, 3 degrees of freedom, 3 when the
 covariance is right (the reference counts as exact). `nis_mean` is the mean of NIS divided by its
-degrees of freedom over every update whose innovation was computed, those the gate threw out
-included: 1 when model and noise are right.
+degrees of freedom over the updates that passed the gate: 1 when model and noise are right. What
+the gate threw out is reported with the gate; in a mean it would drown everything else.
 """
 
 from __future__ import annotations
@@ -266,7 +266,7 @@ def remove_misalignment(C_nb: FloatArray, ref_rpy: FloatArray) -> tuple[FloatArr
 
 
 def normalised_nis(updates: Listing[Update], kind: str | None = None) -> float | None:
-    """Return the mean of NIS / degrees of freedom over the computed updates, gated ones included.
+    """Return the mean of NIS / degrees of freedom over the updates that passed the gate.
 
     Parameters
     ----------
@@ -277,7 +277,7 @@ def normalised_nis(updates: Listing[Update], kind: str | None = None) -> float |
     ratios = [
         u.nis / len(u.whitened)
         for u in updates
-        if u.whitened and np.isfinite(u.nis) and kind in (None, u.kind)
+        if u.accepted and not u.reason and np.isfinite(u.nis) and kind in (None, u.kind)
     ]
     return float(np.mean(ratios)) if ratios else None
 

@@ -230,10 +230,10 @@ def _apply(
     outcome = kalman.update(m, config.filter.gate_probability)
     reason = "" if outcome.accepted else f"innovation test (NIS > {outcome.limit:.1f})"
     if insist and not outcome.accepted:
-        factor = kalman.enlarge(m)
-        refused, outcome = outcome, kalman.update(m, config.filter.gate_probability)
-        reason = f"refused for long: covariance × {factor:.1f}"
-        outcome = dataclasses.replace(refused, accepted=outcome.accepted)
+        kalman.enlarge(m)
+        if kalman.update(m, config.filter.gate_probability).accepted:
+            outcome = dataclasses.replace(outcome, accepted=True)
+            reason = "covariance enlarged after repeated refusal"
     return Update(
         event.time, event.kind, event.satellites, tuple(map(float, outcome.whitened)),
         outcome.nis, outcome.accepted, reason,

@@ -87,6 +87,17 @@ def test_unknown_course_and_a_jump_while_standing_do_not_disturb():
     assert abs(found.ratio - 1.0) < 1e-6
 
 
+def test_long_straights_do_not_make_outliers_of_the_turns():
+    """Ninety quiet straight seconds in a hundred; in turns the antenna's course leads by 0.1 s."""
+    t = np.arange(0.0, 600.0, 0.01)
+    heading = np.cumsum(np.where(t % 100.0 < 10.0, 0.157, 0.0)) * 0.01
+    rate = np.diff(heading, prepend=0.0) / 0.01
+    rate += 1e-4 * np.random.default_rng(4).standard_normal(t.size)
+    found = gyro_unit_ratio(t, rate, t[:-20:100], wrap(heading[10:-10:100]))
+    assert found.is_close_to(1.0)
+    assert found.turned == pytest.approx(6 * 1.57, rel=0.3)
+
+
 def test_course_outside_the_imu_is_not_used():
     t, rate, heading = weaving()
     tc = np.concatenate([t[0] - np.arange(50.0, 0.0, -1.0), t[::100]])

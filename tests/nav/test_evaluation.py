@@ -240,15 +240,17 @@ def test_nees_and_nis_of_honest_errors(drive):
     assert means[1] == pytest.approx(4 * means[0], rel=1e-4)
 
 
-def test_nis_counts_gated_updates_and_not_the_uncomputed(drive):
+def test_nis_counts_what_passed_the_gate(drive):
     solution, sequence = drive(noise=0.0)
     updates = (
         Update(0.0, "position", (), (1.0, 1.0, 1.0), 3.0, True),
-        Update(1.0, "velocity", (), (3.0, 4.0), 25.0, False, "gate"),
+        Update(1.0, "velocity", (), (1.0, 2.0), 5.0, True),
+        Update(1.5, "velocity", (), (3.0, 4.0), 25.0, False, "gate"),
+        Update(1.7, "velocity", (), (3.0, 4.0), 25.0, True, "overruled"),
         Update(2.0, "position", reason="too few satellites"),
     )
     result = evaluate(dataclasses.replace(solution, updates=updates), sequence)
-    assert result.consistency["nis_mean"] == pytest.approx((1.0 + 12.5) / 2)
+    assert result.consistency["nis_mean"] == pytest.approx((1.0 + 2.5) / 2)
 
 
 def test_mean_rate_averages_over_its_window(drive):
