@@ -289,7 +289,7 @@ def _reference(
         rpy=table.rpy,
         lever_b=vector,
         point=name,
-        source="Inertial Explorer, tightly coupled RTK and tactical IMU, smoothed",
+        source=declared.reference_source,
         attitude_frame="b" if same else "v",
     )
     return reference, [note]

@@ -32,6 +32,8 @@ LEVERS: dict[tuple[str, str], tuple[tuple[float, float, float], str]] = {
 #: From the MEMS IMU to the tactical IMU by week, forward-right-down [m] (parameter1, parameter2).
 MEMS_TO_TACTICAL = {2129: (-0.32, 0.0, 0.01), 2233: (0.35, 0.04, -0.06)}
 IMU_PRESETS = {"mems": "adis16470", "tactical": "tactical"}
+#: What made the references of the dataset.
+REFERENCE_SOURCE = "Inertial Explorer, tightly coupled RTK and tactical IMU, smoothed"
 #: Points a reference may be of.
 POINTS = ("imu", "antenna", "mems", "tactical")
 _OF_MEMS = ("lever_antenna_frd_m", "imu_preset")
@@ -43,6 +45,7 @@ _SIDECAR_KEYS = (
     "imu_preset",
     "week",
     "gyro_unit",
+    "reference_source",
 )
 
 
@@ -57,6 +60,7 @@ class Declared:
     imu_preset: str
     week: int | None
     gyro_unit: str
+    reference_source: str
 
 
 def read_declared(folder: Path, imu: str, **arguments: Any) -> Declared:
@@ -98,6 +102,7 @@ def read_declared(folder: Path, imu: str, **arguments: Any) -> Declared:
         imu_preset=given.get("imu_preset", IMU_PRESETS[imu]),
         week=None if week is None else int(week),
         gyro_unit=unit,
+        reference_source=str(given.get("reference_source", REFERENCE_SOURCE)),
     )
 
 

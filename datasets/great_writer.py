@@ -238,6 +238,7 @@ def _sidecar(simulation: Simulation) -> str:
         f"week = {int(week)}",
         'gyro_unit = "deg/s"',
         'reference_point = "mems"',
+        'reference_source = "simulation truth"',
         f'reference_body = "{"imu" if aligned else "tactical"}"',
     ]
     # What is the reader's default or preset is left to it: it then holds for both IMUs.

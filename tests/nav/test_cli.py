@@ -1,0 +1,222 @@
+"""The command line as a user meets it: results on good input, one line on bad input."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from datasets.great_writer import simulate_folder
+from datasets.simulator import SimulationConfig
+from nav.cli import main
+from nav.results import read_result
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory) -> Path:
+    """Two minutes in the suburbs, in the GREAT layout."""
+    folder = tmp_path_factory.mktemp("drives") / "suburb"
+    return simulate_folder(
+        SimulationConfig(seed=4, duration=120.0, density="suburb", static_start=15.0), folder
+    )
+
+
+@pytest.fixture
+def copy(drive, tmp_path) -> Path:
+    """A copy of the drive that a test may break."""
+    return Path(shutil.copytree(drive, tmp_path / "broken"))
+
+
+def refuse(capsys, *arguments: str) -> str:
+    """Run a command that must fail; return its one line."""
+    assert main([str(a) for a in arguments]) == 1
+    captured = capsys.readouterr()
+    lines = captured.err.strip().splitlines()
+    assert len(lines) == 1, captured.err
+    assert lines[0].startswith("certnav: ")
+    assert "Traceback" not in captured.err
+    return lines[0]
+
+
+def test_run_writes_a_complete_result(drive, tmp_path, capsys):
+    out = tmp_path / "result"
+    assert main(["run", str(drive), "--out", str(out), "--format", "pos,kml,tum,nav"]) == 0
+    printed = capsys.readouterr().out
+    assert "horizontal" in printed and "report.html" in printed
+    names = {p.name for p in out.iterdir()}
+    assert {"solution.csv", "updates.csv", "config.toml", "summary.json", "report.html"} <= names
+    assert {f"solution.{f}" for f in ("pos", "kml", "tum", "nav")} <= names
+    summary = json.loads((out / "summary.json").read_text())
+    for key in ("name", "duration_s", "imu_samples", "epochs", "alignment", "errors", "timing"):
+        assert key in summary
+    assert set(summary["epochs"]) >= {"total", "ge4", "two_or_three", "lt2"}
+    assert summary["errors"]["horizontal_rms_m"] < 3.0
+    assert summary["timing"]["total_s"] > summary["timing"]["read_s"] > 0.0
+    assert len(read_result(out).solution.trajectory) > 500
+    assert [p.name for p in tmp_path.iterdir()] == ["result"]  # nothing temporary is left
+
+
+def test_set_start_and_end(drive, tmp_path):
+    out = tmp_path / "result"
+    arguments = ["run", str(drive), "--out", str(out), "--set", "filter.states=21"]
+    start = read_start(drive)
+    assert main([*arguments, "--start", str(start + 10.0), "--end", str(start + 100.0)]) == 0
+    assert "states = 21" in (out / "config.toml").read_text()
+    times = read_result(out).solution.trajectory.time % 604800
+    assert times.min() >= start + 10.0 and times.max() <= start + 100.0
+
+
+def read_start(folder: Path) -> float:
+    imu = folder / "IMU" / "MEMS_imu_data.txt"
+    return float(imu.read_text().splitlines()[1].split()[0])
+
+
+def edit_imu(folder: Path, change) -> None:
+    """Rewrite the IMU text; `change` gets and returns its rows."""
+    file = folder / "IMU" / "MEMS_imu_data.txt"
+    header, *rows = file.read_text().splitlines()
+    file.write_text("\n".join([header, *change(rows)]) + "\n")
+
+
+def scaled(rows, columns, factor):
+    table = np.array([row.split() for row in rows], dtype=float)
+    table[:, columns] *= factor
+    return [" ".join(f"{v:.8f}" for v in row) for row in table]
+
+
+def with_nan(rows):
+    first, rest = rows[:500], rows[500:]
+    bad = rest[0].split()
+    bad[2] = "nan"
+    return [*first, " ".join(bad), *rest[1:]]
+
+
+FAULTS = {
+    "nan in the imu": (
+        lambda d: edit_imu(d, with_nan), ["MEMS_imu_data.txt:502", "nan"],
+    ),
+    "time going backwards": (
+        lambda d: edit_imu(d, lambda rows: [*rows[:800], rows[700], *rows[800:]]),
+        ["MEMS_imu_data.txt:802"],
+    ),
+    "accelerometer in g": (
+        lambda d: edit_imu(d, lambda rows: scaled(rows, [4, 5, 6], 1 / 9.80665)),
+        ["MEMS_imu_data.txt", "m/s²"],
+    ),
+    "truncated rinex": (
+        lambda d: truncate(next((d / "GNSS" / "Rover").iterdir())), [".20O:", "cut short"],
+    ),
+    "wrong week": (
+        lambda d: replace(d / "great.toml", "week = 2129", "week = 2233"), ["2233", "2129"],
+    ),
+    "no overlap": (
+        lambda d: edit_imu(d, lambda rows: [shift(row, 9000.0) for row in rows]), ["overlap"],
+    ),
+    "unknown key in the sidecar": (
+        lambda d: replace(d / "great.toml", "gyro_unit", "giro_unit"), ["giro_unit", "gyro_unit"],
+    ),
+    "lever arm not declared": (
+        lambda d: replace(d / "great.toml", 'lever = "figure"', ""), ["lever", "figure", "msf_xml"],
+    ),
+    "missing imu file": (
+        lambda d: (d / "IMU" / "MEMS_imu_data.txt").unlink(), ["IMU"],
+    ),
+    "missing navigation": (
+        lambda d: shutil.rmtree(d / "GNSS" / "Product"), ["navigation"],
+    ),
+}  # fmt: skip
+
+
+def truncate(file: Path) -> None:
+    text = file.read_text()
+    file.write_text(text[: int(0.61 * len(text))])
+
+
+def replace(file: Path, old: str, new: str) -> None:
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+
+
+def shift(row: str, seconds: float) -> str:
+    first, rest = row.split(maxsplit=1)
+    return f"{float(first) + seconds:.5f} {rest}"
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_bad_input_is_one_line(fault, copy, tmp_path, capsys):
+    damage, words = FAULTS[fault]
+    damage(copy)
+    out = tmp_path / "result"
+    line = refuse(capsys, "run", copy, "--out", out)
+    for word in words:
+        assert word.lower() in line.lower(), line
+    assert not out.exists()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["broken"]
+
+
+def test_missing_path_and_strange_folder(tmp_path, capsys):
+    assert "no such" in refuse(capsys, "run", tmp_path / "absent").lower()
+    (tmp_path / "holiday.jpg").write_text("")
+    line = refuse(capsys, "run", tmp_path)
+    assert "great" in line.lower()
+
+
+def test_mistyped_option_names_the_nearest(drive, capsys):
+    assert "did you mean 'states'" in refuse(capsys, "run", drive, "--set", "filter.state=21")
+    assert "did you mean 'lever'" in refuse(capsys, "run", drive, "--set", "data.levr=figure")
+    assert "did you mean 'kml'" in refuse(capsys, "run", drive, "--format", "pos,kmz")
+
+
+def test_a_foreign_directory_is_not_overwritten(drive, tmp_path, capsys):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    line = refuse(capsys, "run", drive, "--out", tmp_path)
+    assert "not a certnav result" in line
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+def test_simulate_and_refusal_to_overwrite(tmp_path, capsys):
+    out = tmp_path / "drive"
+    arguments = ["simulate", "--out", str(out), "--duration", "30", "--density", "open"]
+    assert main(arguments) == 0
+    assert "certnav run" in capsys.readouterr().out
+    assert (out / "IMU" / "MEMS_imu_data.txt").is_file()
+    assert "exists" in refuse(capsys, *arguments)
+    assert main([*arguments, "--overwrite"]) == 0
+
+
+def test_help_is_instant():
+    """No numerical library may be imported for --help."""
+    code = (
+        "import sys; from nav.cli import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'scipy', 'numba', 'pandas', 'matplotlib'} & set(sys.modules)\n"
+        "sys.exit(str(heavy) if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "navigate a sequence" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "limit"),
+    [
+        ("comma2k19-example1", 1.0),
+        ("rtklibexplorer-drive", 0.3),
+        ("oakville-drives/urban-long-turn-loop-nominal-001", 1.5),
+        ("instinct/spirent_dynamic", 0.6),
+    ],
+)
+def test_real_recordings_run(name, limit, data_dir, tmp_path):
+    """Real sets end in a result whose horizontal RMS is of the size the GNSS itself allows."""
+    out = tmp_path / "result"
+    assert main(["run", str(data_dir / name), "--out", str(out)]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["errors"]["horizontal_rms_m"] < limit
+    assert (
+        summary["updates"]["velocity"]["accepted"] > 0.8 * summary["updates"]["velocity"]["offered"]
+    )
