@@ -119,7 +119,7 @@ def test_imu_and_rtk_share_their_time(drive):
 
 
 def test_velocities_belong_to_their_epochs(drive, data_dir):
-    """As printed they are means over the epoch before; handed on they fit the central difference."""
+    """As printed they are means over the epoch before; handed on, central differences."""
     fixes = drive.fixes
     printed = read_pos(data_dir / "rtklibexplorer-drive" / "gnss_1934_sf.pos").vel_e
     step = np.diff(fixes.pos_e, axis=0) / np.diff(fixes.time)[:, None]

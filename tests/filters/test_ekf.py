@@ -174,7 +174,8 @@ def test_gate_refuses_a_jump_and_leaves_the_state_alone(city_drive):
     kalman.propagate(start + 1.0)
     antenna = city_drive.pos_e(np.array([start + 1.0]), LEVER)[0]
     before = kalman.pos_e.copy(), kalman.P.copy()
-    jump = measurements.position(kalman.state, 15, antenna + [40.0, 0, 0], np.eye(3), LEVER)
+    shifted = antenna + np.array([40.0, 0.0, 0.0])
+    jump = measurements.position(kalman.state, 15, shifted, np.eye(3), LEVER)
     outcome = kalman.update(jump, gate_probability=1e-4)
     assert not outcome.accepted and outcome.nis > outcome.limit
     np.testing.assert_array_equal(kalman.pos_e, before[0])
