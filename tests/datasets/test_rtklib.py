@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets import gpstime, rtklib
+from datasets import gpstime
 from datasets.rtklib import (
     ionosphere_delay,
     read_observations,
@@ -13,6 +13,8 @@ from datasets.rtklib import (
     single_point,
     troposphere_delay,
 )
+from datasets.rtklib.positioning import _PointEngine, _spp_options
+from datasets.rtklib.satellites import load_navigation
 from filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of, lla_to_ecef
 from filters.errors import ConfigError, DataError
 from velocity.least_squares import doppler_velocities
@@ -430,8 +432,8 @@ def test_fault_test_weighs_as_pntpos_does(data_dir, systems):
     folder = data_dir / "instinct" / "tckf_static"
     nav = [folder / "reach-m2-01_raw_202306291111.nav"]
     obs = read_observations(folder / "reach-m2-01_raw_202306291111.23O", nav, systems=systems)
-    options = rtklib._spp_options(np.radians(10.0), "broadcast", "saastamoinen", 0.9)
-    engine = rtklib._PointEngine(rtklib._navigation(nav), options, obs)
+    options = _spp_options(np.radians(10.0), "broadcast", "saastamoinen", 0.9)
+    engine = _PointEngine(load_navigation(nav), options, obs)
     _, rows = next(obs.epochs())
     point = engine.solve(np.flatnonzero(obs.usable[rows]))
     covariance = np.linalg.inv(point.H.T @ (point.H / point.sigma[:, None] ** 2))[:3, :3]

@@ -1,0 +1,23 @@
+"""RINEX, broadcast orbits and single-point positioning through RTKLIB (pyrtklib5).
+
+The only package that touches the binding: arrays go in, arrays come out. Files are tested by
+`datasets.rinex` first, because RTKLIB reads a truncated file without complaint.
+
+RTKLIB keeps one signal per frequency band and three bands a satellite; Doppler and C/N0 pass
+through single precision (≤ 0.25 mHz, that is 0.05 mm/s, for Dopplers below 4 kHz).
+"""
+
+from datasets.rtklib.atmosphere import ionosphere_delay, troposphere_delay
+from datasets.rtklib.observations import read_observations
+from datasets.rtklib.positioning import SinglePoint, single_point
+from datasets.rtklib.satellites import SatelliteStates, satellite_states
+
+__all__ = [
+    "SatelliteStates",
+    "SinglePoint",
+    "ionosphere_delay",
+    "read_observations",
+    "satellite_states",
+    "single_point",
+    "troposphere_delay",
+]
