@@ -153,6 +153,9 @@ class GnssObservations:
         Seen from the receiver [rad], azimuth clockwise from north; NaN until a position is known.
     rejected : array_like of str, shape (n,)
         Why the row is not used; '' when it is.
+    label : array_like of str, shape (n,), optional
+        What a data set says of the path: 'los', 'nlos', or '' where it says nothing. Nothing in
+        the pipeline uses it; it is there to judge by.
     """
 
     time: FloatArray
@@ -171,12 +174,15 @@ class GnssObservations:
     elevation: FloatArray
     azimuth: FloatArray
     rejected: StrArray
+    label: StrArray = field(default_factory=lambda: np.empty(0, dtype="U4"))
 
     def __post_init__(self) -> None:
         time = _array("observations", "time", self.time, (-1,))
         n = time.size
         _ordered("observations", time, strictly=False)
-        for name in ("sat", "signal", "rejected", "loss_of_lock"):
+        if np.size(self.label) == 0:
+            _freeze(self, label=np.full(n, "", dtype="U4"))
+        for name in ("sat", "signal", "rejected", "label", "loss_of_lock"):
             value = np.asarray(getattr(self, name))
             if value.shape != (n,):
                 raise DataError(f"observations.{name}: expected shape ({n},), found {value.shape}")
@@ -424,7 +430,8 @@ class Sequence:
     ----------
     name : str
         Short name, used for result folders.
-    imu : ImuData
+    imu : ImuData or None
+        None in a set without inertial sensors; such a set can be aligned, not navigated.
     calibration : Calibration
     observations : GnssObservations, optional
         Raw GNSS, with satellite states.
@@ -442,7 +449,7 @@ class Sequence:
     """
 
     name: str
-    imu: ImuData
+    imu: ImuData | None
     calibration: Calibration
     observations: GnssObservations | None = None
     navigation: tuple[Path, ...] = ()
@@ -457,13 +464,37 @@ class Sequence:
             raise DataError(
                 f"{self.name}: neither GNSS observations nor positions — nothing to fuse"
             )
-        for part, times in self._spans():
-            if times[-1] < self.imu.time[0] or times[0] > self.imu.time[-1]:
+        spans = list(self._spans())
+        first, anchor = spans[0]
+        for part, times in spans[1:]:
+            if times[-1] < anchor[0] or times[0] > anchor[-1]:
                 raise DataError(
-                    f"{self.name}: no time overlap: IMU {self.imu.time[0]:.1f}…"
-                    f"{self.imu.time[-1]:.1f} s, {part} {times[0]:.1f}…{times[-1]:.1f} s",
+                    f"{self.name}: no time overlap: {first} {anchor[0]:.1f}…{anchor[-1]:.1f} s, "
+                    f"{part} {times[0]:.1f}…{times[-1]:.1f} s",
                     remedy="check GPS week, time scale and leap seconds",
                 )
+
+    @property
+    def inertial(self) -> ImuData:
+        """The IMU data of a set that has to have them.
+
+        Raises
+        ------
+        DataError
+            If there are none.
+        """
+        if self.imu is None:
+            raise DataError(
+                f"{self.name}: no IMU data",
+                remedy="certnav run needs an IMU; without one, certnav align works",
+            )
+        return self.imu
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time of the IMU data, or of the first part there is [s]."""
+        _, time = next(self._spans())
+        return float(time[0]), float(time[-1])
 
     def between(self, start: float, end: float) -> Sequence:
         """Return the part with ``start <= time <= end`` [s].
@@ -475,13 +506,15 @@ class Sequence:
         """
         if not start < end:
             raise DataError(f"{self.name}: start {start} s is not before end {end} s")
-        inside = (self.imu.time >= start) & (self.imu.time <= end)
-        if inside.sum() < 2:
-            raise DataError(
-                f"{self.name}: no IMU data between {start:.1f} and {end:.1f} s",
-                remedy=f"the data span {self.imu.time[0]:.1f}…{self.imu.time[-1]:.1f} s",
-            )
-        parts: dict[str, object] = {"imu": self.imu.between(start, end)}
+        parts: dict[str, object] = {}
+        if self.imu is not None:
+            inside = (self.imu.time >= start) & (self.imu.time <= end)
+            if inside.sum() < 2:
+                raise DataError(
+                    f"{self.name}: no IMU data between {start:.1f} and {end:.1f} s",
+                    remedy="the data span {:.1f}…{:.1f} s".format(*self.span),
+                )
+            parts["imu"] = self.imu.between(start, end)
         for part in ("observations", "fixes", "odometer", "reference"):
             record = getattr(self, part)
             if record is not None:
@@ -490,6 +523,8 @@ class Sequence:
         return dataclasses.replace(self, **parts)  # type: ignore[arg-type]
 
     def _spans(self) -> Iterator[tuple[str, FloatArray]]:
+        if self.imu is not None:
+            yield "IMU", self.imu.time
         for part in ("observations", "fixes", "odometer", "reference"):
             record = getattr(self, part)
             if record is not None and record.time.size:

@@ -67,6 +67,8 @@ class ErrorStateFilter:
         Initial error covariance, ordered as in `filters.error_model`.
     output_interval : float
         Spacing of recorded rows [s]; 0 records every IMU sample.
+    gyro_bias : array_like, shape (3,)
+        Initial estimate, body axes [rad/s].
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class ErrorStateFilter:
         state: NavState,
         P: ArrayLike,
         output_interval: float = 0.0,
+        gyro_bias: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         from filterpy.kalman import ExtendedKalmanFilter
 
@@ -96,6 +99,7 @@ class ErrorStateFilter:
             state.C_eb.copy(),
         )
         self.bias = np.zeros(12)
+        self.bias[0:3] = gyro_bias
         self.omega_b = np.zeros(3)
         self._noise = model.noise()
         self._sample = stream.index(state.time)

@@ -143,7 +143,7 @@ def _cut(sequence: Sequence, start: float | None, end: float | None) -> Sequence
         return sequence
     from datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
 
-    first, last = float(sequence.imu.time[0]), float(sequence.imu.time[-1])
+    first, last = sequence.span
     week = int(to_week_sow(first)[0]) if sequence.time_scale == "gps" else 0
 
     def full(value: float) -> float:
@@ -158,7 +158,7 @@ def _print_summary(
     solution: Solution, evaluation: Evaluation, sequence: Sequence, out: Path
 ) -> None:
     span = solution.trajectory.time[-1] - solution.trajectory.time[0]
-    print(f"{solution.name}: {span:.0f} s navigated, {len(sequence.imu)} IMU samples")
+    print(f"{solution.name}: {span:.0f} s navigated, {len(sequence.inertial)} IMU samples")
     print(f"  alignment   {solution.alignment.message}, after {solution.alignment.waited:.0f} s")
     counts: dict[str, list[int]] = {}
     for update in solution.updates:

@@ -136,7 +136,7 @@ def evaluate(solution: Solution, sequence: Sequence, *, max_gap: float = 1.0) ->
     C_ne_ref = np.swapaxes(C_en_of(ref_pos_e), 1, 2)
 
     error_pos_n = _rotate(C_ne_ref, at.pos_e + at.C_eb @ reference.lever_b - ref_pos_e)
-    vel_e = at.vel_e + _lever_velocity_e(at, sequence.imu, reference.lever_b)
+    vel_e = at.vel_e + _lever_velocity_e(at, sequence.inertial, reference.lever_b)
     error_vel_n = _rotate(C_ne_ref, vel_e - reference.vel_e[keep])
 
     C_nb = C_ne_ref @ at.C_eb  # the same north for both: their meridians converge

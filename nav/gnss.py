@@ -206,9 +206,11 @@ def _single_point(
             strict=True,
         )
     ]
+    offered = _satellites(observations, np.isfinite(observations.pseudorange))
     for time, why in spp.failed:
         at = where.true_time(time) if where.time.size else time
-        events.append(GnssEvent(at, "position", *_NOTHING, reason=f"no fix: {_category(why)}"))
+        reason = f"no fix: {_category(why)}"
+        events.append(GnssEvent(at, "position", *_NOTHING, offered[time], reason))
     faulty = np.zeros(len(observations), dtype=bool)
     faulty[list(spp.rejected)] = True
     return events, where, faulty
@@ -216,7 +218,18 @@ def _single_point(
 
 def _category(message: str) -> str:
     """Return a message of RTKLIB without its numbers, so that like reasons count together."""
-    return re.sub(r"\s*\b\w+=\S+", "", message).strip()
+    return re.sub(r"^\d+ satellites$", "too few satellites", re.sub(r"\s*\b\w+=\S+", "", message))
+
+
+def _satellites(
+    observations: GnssObservations, rows: NDArray[np.bool_]
+) -> dict[float, tuple[str, ...]]:
+    """Return the satellites of the usable rows in the mask, by epoch."""
+    rows = rows & observations.usable
+    return {
+        time: tuple(map(str, np.unique(observations.sat[epoch][rows[epoch]])))
+        for time, epoch in observations.epochs()
+    }
 
 
 def _masked(
@@ -241,13 +254,14 @@ def _doppler(
 
     velocities = doppler_velocities(observations, where.at(observations.time))
     scale, floor = config.velocity_sigma_scale, config.velocity_sigma_floor_mps
+    offered = _satellites(observations, observations.has_range_rate)
     events = [
         GnssEvent(
             where.true_time(found.time),
             "velocity",
             found.vel_e,
             _sigma(found.cov_e, scale, floor),
-            tuple(map(str, found.satellites)),
+            found.satellites if found.ok else offered[found.time],
             "" if found.ok else found.status,
         )
         for found in velocities

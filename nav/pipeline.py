@@ -62,13 +62,15 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     ------
     AlignmentError
         If no initial attitude was found.
+    DataError
+        If the sequence has no IMU data.
     """
     report: Progress = progress or (lambda fraction, what: None)
+    imu = sequence.inertial
     began = clock.perf_counter()
     report(0.0, "GNSS")
     timeline = gnss_timeline(sequence, config.gnss)
     spent_gnss = clock.perf_counter() - began
-    imu = sequence.imu
     stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
     spec = imu_preset(config.filter.imu) if config.filter.imu else sequence.calibration.imu
     model = ErrorModel(spec, config.filter.states, config.filter.bias_model)
@@ -171,9 +173,8 @@ def _start_filter(
     if attitude.sigma_gyro_bias is not None:
         P[GYRO_BIAS, GYRO_BIAS] = np.eye(3) * attitude.sigma_gyro_bias**2
     rate = config.filter.output_rate_hz
-    kalman = ErrorStateFilter(model, stream, state, P, 1.0 / rate if rate > 0 else 0.0)
-    kalman.bias[0:3] = attitude.gyro_bias
-    return kalman
+    interval = 1.0 / rate if rate > 0 else 0.0
+    return ErrorStateFilter(model, stream, state, P, interval, attitude.gyro_bias)
 
 
 def _filter(
@@ -273,9 +274,9 @@ def trajectory_from_rows(rows: FloatArray) -> Trajectory:
 
 def _imu_gaps(sequence: Sequence) -> tuple[str, ...]:
     """Name gaps in the IMU data: the mechanisation bridges them with the sample that follows."""
-    time = sequence.imu.time
+    time = sequence.inertial.time
     step = np.diff(time)
-    gaps = np.flatnonzero(step > 1.5 * sequence.imu.interval)
+    gaps = np.flatnonzero(step > 1.5 * sequence.inertial.interval)
     if not gaps.size:
         return ()
     worst = int(gaps[np.argmax(step[gaps])])

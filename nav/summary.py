@@ -27,7 +27,7 @@ def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) ->
         "name": solution.name,
         "certnav_version": _version(),
         "duration_s": float(time[-1] - time[0]) if time.size else 0.0,
-        "imu_samples": len(sequence.imu),
+        "imu_samples": len(sequence.inertial),
         "epochs": {
             "total": int(usable.size),
             "ge4": int((usable >= 4).sum()),
@@ -57,7 +57,7 @@ def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) ->
         "timing": {"total_s": None, "read_s": None, "filter_s": None} | solution.timing,
         "sensors": {
             "imu": calibration.imu.name,
-            "imu_rate_hz": 1.0 / sequence.imu.interval,
+            "imu_rate_hz": 1.0 / sequence.inertial.interval,
             "lever_antenna_b_m": calibration.lever_antenna_b,
             "lever_antenna_source": calibration.lever_antenna_source,
         },
