@@ -4,8 +4,8 @@ Written as plain loops over small arrays without allocation, because that is wha
 into about a microsecond per sample. The public faces are `filters.strapdown` (mechanisation) and
 `filters.error_model` (transition matrix); the tests hold this module to both.
 
-State order of P: position, velocity, attitude, gyro bias, accelerometer bias and, with 21
-states, gyro and accelerometer scale factors.
+State order of P: position, velocity, attitude, gyro bias, accelerometer bias; from 21 states on,
+gyro and accelerometer scale factors; any further state is a constant.
 """
 
 from __future__ import annotations
@@ -164,15 +164,15 @@ def _transition(x, out, n, dt, G, dv_b, C, R, omega, force, scale, decay_gyro, d
     g0, g1, g2, a0, a1, a2 = x[9], x[10], x[11], x[12], x[13], x[14]
     out[9], out[10], out[11] = decay_gyro * g0, decay_gyro * g1, decay_gyro * g2
     out[12], out[13], out[14] = decay_accel * a0, decay_accel * a1, decay_accel * a2
-    if n == 21:
+    for i in range(15, n):  # scale factors and whatever else is constant
+        out[i] = x[i]
+    if n >= 21:
         g0 += omega[0] * x[15]
         g1 += omega[1] * x[16]
         g2 += omega[2] * x[17]
         a0 += force[0] * x[18]
         a1 += force[1] * x[19]
         a2 += force[2] * x[20]
-        for i in range(15, 21):
-            out[i] = x[i]
     # Velocity increment that is missed, in body axes: φ × Δv − δf Δt.
     a0 = f1 * dv_b[2] - f2 * dv_b[1] - dt * a0 / (1.0 + scale[3])
     a1 = f2 * dv_b[0] - f0 * dv_b[2] - dt * a1 / (1.0 + scale[4])
@@ -258,7 +258,9 @@ def _sample(rates, k, edges, offset, bias, scale, mean, slope):
 
 
 @njit(cache=True)
-def advance(edges, gyro, accel, k, now, until, pos, vel, C, bias, P, noise, rows, next_row, period):
+def advance(
+    edges, gyro, accel, k, now, until, pos, vel, C, bias, P, phi, noise, rows, next_row, period
+):
     """Propagate in place from `now` to `until`, splitting IMU intervals at both ends.
 
     Parameters
@@ -268,6 +270,7 @@ def advance(edges, gyro, accel, k, now, until, pos, vel, C, bias, P, noise, rows
     k : sample that contains `now`
     bias : (12,) gyro bias, accelerometer bias, gyro scale, accelerometer scale
     P : (n, n) covariance; an empty array propagates the state alone
+    phi : (n, n) columns of the transition matrix so far, as rows; empty: not wanted
     noise : (6,) see covariance_step
     rows : (r, ROW_SIZE) output; next_row : (2,) next free row, next time to record
     period : [s] spacing of recorded rows; ≤ 0 records every sample
@@ -307,6 +310,14 @@ def advance(edges, gyro, accel, k, now, until, pos, vel, C, bias, P, noise, rows
             strapdown_step(pos, vel, C, omega, force, omega_slope, force_slope, dt, v, R, work)
             if with_covariance:
                 covariance_step(P, A, dt, G, v[0], C_before, R, omega, force, scale, noise)
+            if phi.shape[0] > 0:
+                dg, da = np.exp(-dt * noise[4]), np.exp(-dt * noise[5])
+                for j in range(n):
+                    for i in range(n):
+                        A[0, i] = phi[j, i]
+                    _transition(
+                        A[0], phi[j], n, dt, G, v[0], C_before, R, omega, force, scale, dg, da
+                    )
             for i in range(3):
                 omega[i] += 0.5 * dt * omega_slope[i]
                 bg[i] *= np.exp(-dt * noise[4])

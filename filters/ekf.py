@@ -18,6 +18,7 @@ from filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
 from filters.errors import DataError
 from filters.measurements import Measurement
 from filters.rotation import FloatArray, matrix_from_rotvec
+from filters.smoother import Tape
 from filters.strapdown import InertialStream, NavState
 
 
@@ -69,6 +70,8 @@ class ErrorStateFilter:
         Spacing of recorded rows [s]; 0 records every IMU sample.
     gyro_bias : array_like, shape (3,)
         Initial estimate, body axes [rad/s].
+    smoothing : bool
+        Keep what `filters.smoother.smooth` needs, in `tape`.
     """
 
     def __init__(
@@ -79,10 +82,11 @@ class ErrorStateFilter:
         P: ArrayLike,
         output_interval: float = 0.0,
         gyro_bias: ArrayLike = (0.0, 0.0, 0.0),
+        smoothing: bool = False,
     ) -> None:
         from filterpy.kalman import ExtendedKalmanFilter
 
-        n = model.states
+        n = model.size
         self.P = np.array(P, dtype=float)
         if self.P.shape != (n, n) or not np.isfinite(self.P).all():
             raise DataError(f"filter: expected a finite covariance of shape ({n}, {n})")
@@ -100,6 +104,7 @@ class ErrorStateFilter:
         )
         self.bias = np.zeros(12)
         self.bias[0:3] = gyro_bias
+        self.odometer_scale = 0.0
         self.omega_b = np.zeros(3)
         self._noise = model.noise()
         self._sample = stream.index(state.time)
@@ -109,6 +114,10 @@ class ErrorStateFilter:
         self._cursor = np.array([1.0, state.time + self._period])
         self._ekf = ExtendedKalmanFilter(dim_x=n, dim_z=3)
         self._record_now()
+        self.tape = Tape() if smoothing else None
+        self._phi = np.zeros((n, n) if smoothing else (0, 0))
+        if self.tape is not None:
+            self.tape.row(self._rows[0])
 
     @property
     def state(self) -> NavState:
@@ -124,13 +133,36 @@ class ErrorStateFilter:
         """Run mechanisation and covariance to `until` [s], splitting the IMU interval there."""
         if until < self.time - 1e-9:
             raise DataError(f"filter: cannot go back from {self.time:.6f} to {until:.6f} s")
+        if self.tape is None:
+            self._advance(until)
+            return
+        # Every output epoch is a node of the smoother, so the intervals end there too.
+        last = self.stream.edges[np.searchsorted(self.stream.edges, until + 1e-9) - 1]
+        while self._cursor[1] <= last + 1e-9:
+            at = int(np.searchsorted(self.stream.edges, self._cursor[1] - 1e-9))
+            if self.stream.edges[at] <= self.time + 1e-9:
+                at += 1
+            if at >= self.stream.edges.size or self.stream.edges[at] > until + 1e-9:
+                break
+            rows = int(self._cursor[0])
+            self._advance(float(self.stream.edges[at]))
+            if int(self._cursor[0]) > rows:
+                self.tape.row(self._rows[rows])
+        self._advance(until)
+
+    def _advance(self, until: float) -> None:
+        before = self.P.copy()
+        if self.tape is not None:
+            self._phi[:] = np.eye(self.model.size)
         self._sample, omega = _kernels.advance(
             self.stream.edges, self.stream.gyro, self.stream.accel, self._sample, self.time, until,
-            self.pos_e, self.vel_e, self.C_eb, self.bias, self.P, self._noise,
+            self.pos_e, self.vel_e, self.C_eb, self.bias, self.P, self._phi, self._noise,
             self._rows, self._cursor, self._period,
         )  # fmt: skip
         if until > self.time:
             self.omega_b = omega
+            if self.tape is not None:
+                self.tape.predict(before, self._phi.T.copy(), self.P.copy())
         self.time = min(until, self.stream.end)
 
     def test(self, measurement: Measurement, gate_probability: float) -> Outcome:
@@ -154,7 +186,7 @@ class ErrorStateFilter:
         outcome = self.test(measurement, gate_probability)
         if outcome.accepted:
             ekf = self._ekf
-            ekf.x, ekf.P = np.zeros(self.model.states), self.P
+            ekf.x, ekf.P = np.zeros(self.model.size), self.P
             ekf.update(
                 measurement.z,
                 HJacobian=lambda _: measurement.H,
@@ -188,6 +220,8 @@ class ErrorStateFilter:
             if z @ np.linalg.solve(factor * S + measurement.R, z) <= z.size:
                 break
             factor = min(1.2 * factor, limit)
+        if self.tape is not None:
+            self.tape.predict(self.P.copy(), np.eye(self.model.size), self.P * factor)
         self.P *= factor
         return factor
 
@@ -197,7 +231,11 @@ class ErrorStateFilter:
         self.C_eb = np.ascontiguousarray(self.C_eb @ matrix_from_rotvec(x[ATT]))
         self.bias[0:3] += x[GYRO_BIAS]
         self.bias[3:6] += x[ACCEL_BIAS]
-        self.bias[6 : 6 + self.model.states - 15] += x[15:]
+        self.bias[6 : 6 + self.model.states - 15] += x[15 : self.model.states]
+        if self.model.odometer:
+            self.odometer_scale += float(x[-1])
+        if self.tape is not None:
+            self.tape.correct(x)
 
     def _record_now(self) -> None:
         """Overwrite the last row if it is of this instant, so that rows hold what was updated."""

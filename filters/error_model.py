@@ -36,6 +36,8 @@ from filters.sensors import ImuSpec
 POS, VEL, ATT = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, ACCEL_BIAS = slice(9, 12), slice(12, 15)
 GYRO_SCALE, ACCEL_SCALE = slice(15, 18), slice(18, 21)
+#: Initial 1σ of an odometer's scale factor: tyre wear and pressure.
+ODOMETER_SCALE_SIGMA = 0.02
 
 
 @dataclass(frozen=True)
@@ -48,11 +50,14 @@ class ErrorModel:
     states : {15, 21}
         21 adds gyro and accelerometer scale factors.
     bias_model : {'random-walk', 'gauss-markov'}
+    odometer : bool
+        Whether one more state, the last, is the odometer's scale factor.
     """
 
     imu: ImuSpec
     states: int = 15
     bias_model: str = "random-walk"
+    odometer: bool = False
 
     def __post_init__(self) -> None:
         if self.states not in (15, 21):
@@ -61,6 +66,11 @@ class ErrorModel:
             raise ConfigError(
                 f"bias_model: expected 'random-walk' or 'gauss-markov', found '{self.bias_model}'"
             )
+
+    @property
+    def size(self) -> int:
+        """Length of the error state."""
+        return self.states + self.odometer
 
     @property
     def bias_decay_rate(self) -> float:
@@ -88,7 +98,7 @@ class ErrorModel:
         The bias block is turn-on and in-run variance together.
         """
         spec = self.imu
-        P = np.zeros((self.states, self.states))
+        P = np.zeros((self.size, self.size))
         P[POS, POS], P[VEL, VEL], P[ATT, ATT] = pos_cov_e, vel_cov_e, att_cov_b
         gyro = spec.gyro_bias_initial_sigma**2 + spec.gyro_bias_sigma**2
         accel = spec.accel_bias_initial_sigma**2 + spec.accel_bias_sigma**2
@@ -97,6 +107,8 @@ class ErrorModel:
         if self.states == 21:
             P[GYRO_SCALE, GYRO_SCALE] = np.eye(3) * (1e-6 * spec.gyro_scale_ppm) ** 2
             P[ACCEL_SCALE, ACCEL_SCALE] = np.eye(3) * (1e-6 * spec.accel_scale_ppm) ** 2
+        if self.odometer:
+            P[-1, -1] = ODOMETER_SCALE_SIGMA**2
         return P
 
     def transition_matrix(
@@ -131,10 +143,11 @@ class ErrorModel:
         before = C.copy()
         _kernels.strapdown_step(pos, vel, C, omega, force, zero, zero, dt, v, R, work)
         decay = float(np.exp(-dt * self.bias_decay_rate))
-        phi, out = np.empty((self.states, self.states)), np.empty(self.states)
-        for j, unit in enumerate(np.eye(self.states)):
+        n = self.size
+        phi, out = np.empty((n, n)), np.empty(n)
+        for j, unit in enumerate(np.eye(n)):
             _kernels._transition(
-                unit, out, self.states, dt, G, v[0], before, R, omega, force,
+                unit, out, n, dt, G, v[0], before, R, omega, force,
                 np.asarray(scale, dtype=float), decay, decay,
             )  # fmt: skip
             phi[:, j] = out

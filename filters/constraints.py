@@ -1,0 +1,135 @@
+"""What a road vehicle does not do: measurement models of standstill, no side slip, odometer.
+
+Each returns z, H, R as in `filters.measurements`. The lateral and vertical velocity is zero at
+the point the wheels constrain, the middle of the rear axle, not at the IMU: in a turn they differ
+by the lever arm times the rate.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from filters.earth import OMEGA_IE_E
+from filters.error_model import ATT, GYRO_BIAS, VEL
+from filters.measurements import Measurement
+from filters.rotation import FloatArray, skew
+from filters.strapdown import NavState
+
+
+def vehicle_velocity(
+    state: NavState, omega_b: ArrayLike, C_bv: ArrayLike, lever_b: ArrayLike
+) -> FloatArray:
+    """Return the velocity of the constrained point in vehicle axes [m/s].
+
+    Parameters
+    ----------
+    state : NavState
+    omega_b : array_like, shape (3,)
+        ω_ib^b, corrected [rad/s].
+    C_bv : array_like, shape (3, 3)
+        Mounting, ``C_bv @ x_v == x_b``.
+    lever_b : array_like, shape (3,)
+        From the IMU to the constrained point, body axes [m].
+    """
+    omega_eb = np.asarray(omega_b, dtype=float) - state.C_eb.T @ OMEGA_IE_E
+    vel_b = state.C_eb.T @ state.vel_e + np.cross(omega_eb, np.asarray(lever_b, dtype=float))
+    return np.asarray(C_bv, dtype=float).T @ vel_b
+
+
+def _vehicle_jacobian(
+    state: NavState, states: int, C_bv: ArrayLike, lever_b: ArrayLike
+) -> FloatArray:
+    """Return the derivative of `vehicle_velocity` with respect to the error state."""
+    C_be, arm = state.C_eb.T, skew(lever_b)
+    H = np.zeros((3, states))
+    H[:, VEL] = C_be
+    H[:, ATT] = skew(C_be @ state.vel_e) + arm @ skew(C_be @ OMEGA_IE_E)
+    H[:, GYRO_BIAS] = arm
+    return np.asarray(C_bv, dtype=float).T @ H
+
+
+def non_holonomic(
+    state: NavState,
+    states: int,
+    omega_b: ArrayLike,
+    C_bv: ArrayLike,
+    lever_b: ArrayLike,
+    sigma: ArrayLike,
+) -> Measurement:
+    """No lateral and no vertical velocity in vehicle axes.
+
+    Parameters
+    ----------
+    state, omega_b, C_bv, lever_b
+        As for `vehicle_velocity`.
+    states : int
+        Length of the error state.
+    sigma : array_like, shape (2,)
+        1σ of the lateral and vertical velocity that tyres and springs allow [m/s].
+    """
+    vel_v = vehicle_velocity(state, omega_b, C_bv, lever_b)
+    H = _vehicle_jacobian(state, states, C_bv, lever_b)
+    R = np.diag(np.broadcast_to(np.asarray(sigma, dtype=float), (2,)) ** 2)
+    return Measurement(-vel_v[1:], H[1:], R)
+
+
+def odometer(
+    state: NavState,
+    states: int,
+    omega_b: ArrayLike,
+    C_bv: ArrayLike,
+    lever_b: ArrayLike,
+    speed: float,
+    sigma: float,
+    scale: float,
+) -> Measurement:
+    """Forward speed of the constrained point, (1 + scale) times the true one.
+
+    Parameters
+    ----------
+    state, omega_b, C_bv, lever_b
+        As for `vehicle_velocity`.
+    states : int
+        Length of the error state; its last element is the odometer's scale factor.
+    speed, sigma : float
+        Measured speed and its 1σ [m/s].
+    scale : float
+        Current estimate of the scale factor.
+    """
+    forward = float(vehicle_velocity(state, omega_b, C_bv, lever_b)[0])
+    H = (1.0 + scale) * _vehicle_jacobian(state, states, C_bv, lever_b)[:1]
+    H[0, -1] = forward
+    return Measurement(np.array([speed - (1.0 + scale) * forward]), H, np.array([[sigma**2]]))
+
+
+def zero_velocity(state: NavState, states: int, sigma: float) -> Measurement:
+    """Standstill: no velocity with respect to the Earth, 1σ `sigma` [m/s] per axis."""
+    H = np.zeros((3, states))
+    H[:, VEL] = np.eye(3)
+    return Measurement(-state.vel_e, H, np.eye(3) * sigma**2)
+
+
+def zero_rate(
+    state: NavState, states: int, gyro_b: ArrayLike, gyro_bias: ArrayLike, sigma: float
+) -> Measurement:
+    """Standstill: the gyros measure their bias and the Earth's rate, nothing else.
+
+    Parameters
+    ----------
+    state : NavState
+    states : int
+        Length of the error state.
+    gyro_b : array_like, shape (3,)
+        Mean measured rate over the standstill's interval [rad/s].
+    gyro_bias : array_like, shape (3,)
+        Current estimate [rad/s].
+    sigma : float
+        1σ of that mean per axis [rad/s].
+    """
+    earth_b = state.C_eb.T @ OMEGA_IE_E
+    H = np.zeros((3, states))
+    H[:, GYRO_BIAS] = np.eye(3)
+    H[:, ATT] = skew(earth_b)
+    z = np.asarray(gyro_b, dtype=float) - np.asarray(gyro_bias, dtype=float) - earth_b
+    return Measurement(z, H, np.eye(3) * sigma**2)

@@ -1,0 +1,101 @@
+"""Fixed-interval smoothing of the closed-loop error-state filter (Rauch, Tung, Striebel).
+
+The filter feeds every estimated error back and starts again from zero, so the usual recursion
+changes its look: with e the smoothed error of the *fed-back* state,
+
+    over an update that fed back dx:   e ← dx ⊕ e
+    over a prediction P⁺ → P⁻ by Φ:    A = P⁺ Φᵀ (P⁻)⁻¹,  e ← A e,  P ← P⁺ + A (P − P⁻) Aᵀ
+
+run from the end of the data, where e is zero and P the filter's own. filterpy's smoothers know
+neither feedback nor an EKF (rlabbe/filterpy#317), which is why this one is ours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from filters import _kernels
+from filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL
+from filters.rotation import FloatArray, matrix_from_rotvec
+
+_NO_COVARIANCE = np.empty(0)
+
+
+class Tape:
+    """What the filter did, in order: predictions, corrections, and rows that were recorded."""
+
+    def __init__(self) -> None:
+        self.entries: list[tuple[FloatArray, ...]] = []
+
+    def predict(self, before: FloatArray, phi: FloatArray, after: FloatArray) -> None:
+        """Covariance before, transition matrix, covariance after."""
+        self.entries.append((before, phi, after))
+
+    def correct(self, dx: FloatArray) -> None:
+        """Error that was fed back."""
+        self.entries.append((dx.copy(),))
+
+    def row(self, row: FloatArray) -> None:
+        """Recorded row, as it was before any correction at its time."""
+        self.entries.append((row.copy(), _NO_COVARIANCE))
+
+
+def smooth(tape: Tape, P: FloatArray) -> FloatArray:
+    """Return the recorded rows smoothed, laid out as the filter's.
+
+    Parameters
+    ----------
+    tape : Tape
+        Of a filter run with ``smoothing=True``.
+    P : ndarray, shape (n, n)
+        The filter's covariance at the end.
+
+    Returns
+    -------
+    ndarray, shape (m, ROW_SIZE)
+        Covariances and bias σ are those of the smoother.
+    """
+    e, P = np.zeros(P.shape[0]), P.copy()
+    rows = []
+    for entry in reversed(tape.entries):
+        if len(entry) == 3:
+            before, phi, after = entry
+            gain = _gain(before, phi, after)
+            e = gain @ e
+            P = before + gain @ (P - after) @ gain.T
+            P = 0.5 * (P + P.T)
+        elif len(entry) == 1:
+            e = _compose(entry[0], e)
+        else:
+            rows.append(_corrected(entry[0], e, P))
+    return np.array(rows[::-1])
+
+
+def _gain(before: FloatArray, phi: FloatArray, after: FloatArray) -> FloatArray:
+    """Return P⁺Φᵀ(P⁻)⁻¹, solved in units of each state's own σ: they span ten decades."""
+    sigma = np.sqrt(np.diag(after))
+    scaled = after / np.outer(sigma, sigma)
+    right = (phi @ before) / sigma[:, None]
+    return np.linalg.solve(scaled, right).T / sigma
+
+
+def _compose(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the error that does what `first` and then `second` do."""
+    total = first + second
+    turn = matrix_from_rotvec(first[ATT]) @ matrix_from_rotvec(second[ATT])
+    total[ATT] = Rotation.from_matrix(turn).as_rotvec()
+    return total
+
+
+def _corrected(row: FloatArray, e: FloatArray, P: FloatArray) -> FloatArray:
+    """Return a copy of the row with the error applied and the covariance replaced."""
+    out = row.copy()
+    pos_e = row[_kernels.ROW_POS : _kernels.ROW_POS + 3] + e[POS]
+    vel_e = row[_kernels.ROW_VEL : _kernels.ROW_VEL + 3] + e[VEL]
+    C_eb = row[_kernels.ROW_C : _kernels.ROW_C + 9].reshape(3, 3) @ matrix_from_rotvec(e[ATT])
+    bias = row[_kernels.ROW_BIAS : _kernels.ROW_BIAS + 6].copy()
+    bias[:3] += e[GYRO_BIAS]
+    bias[3:] += e[ACCEL_BIAS]
+    _kernels.record(out, row[_kernels.ROW_TIME], pos_e, vel_e, C_eb, bias, P)
+    return out

@@ -1,0 +1,120 @@
+"""The smoother: never worse than the filter, honest, and the same forward run."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from datasets.trajectory import fixes_from_truth, imu_measurements
+from filters import _kernels, measurements
+from filters.earth import C_en_of
+from filters.ekf import ErrorStateFilter
+from filters.error_model import ErrorModel
+from filters.rotation import matrix_from_rotvec
+from filters.sensors import imu_preset
+from filters.smoother import smooth
+from filters.strapdown import InertialStream, NavState
+
+SPEC = dataclasses.replace(
+    imu_preset("adis16470"), gyro_bias_turn_on_degph=50.0, accel_bias_turn_on_mg=2.0
+)
+LEVER = np.array([-0.65, -0.05, -0.15])
+
+
+def run(trajectory, seed, smoothing=True, outage=(40, 70), duration=110.0, states=15):
+    """Filter with a spell without GNSS; return the filter."""
+    rng = np.random.default_rng([11, seed])
+    start = trajectory.span[0] + 30.0
+    time = start + np.arange(1, int(duration * 50)) / 50.0
+    imu, _, _ = imu_measurements(trajectory, time, SPEC, rng)
+    fixes = fixes_from_truth(
+        trajectory, start + np.arange(1.0, duration - 1.0) + 0.0071, LEVER, 1.0, 0.1, rng
+    )
+    model = ErrorModel(SPEC, states)
+    k = trajectory.kinematics(np.array([start]))
+    C_bn = k.C_eb[0].T @ C_en_of(k.pos_e[0])
+    tilt = C_bn @ np.diag(np.radians([0.5, 0.5, 2.0]) ** 2) @ C_bn.T
+    P = model.initial_covariance(np.eye(3), np.eye(3) * 0.01, tilt)
+    error = np.linalg.cholesky(P[:9, :9]) @ rng.standard_normal(9)
+    state = NavState(
+        start, k.pos_e[0] - error[:3], k.vel_e[0] - error[3:6],
+        k.C_eb[0] @ matrix_from_rotvec(error[6:9]).T,
+    )  # fmt: skip
+    stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
+    kalman = ErrorStateFilter(model, stream, state, P, 0.5, smoothing=smoothing)
+    for i, t in enumerate(fixes.time):
+        if outage[0] <= i < outage[1]:
+            continue
+        kalman.propagate(t)
+        n = model.size
+        m = measurements.position(kalman.state, n, fixes.pos_e[i], fixes.pos_cov_e[i], LEVER)
+        kalman.update(m)
+        m = measurements.velocity(
+            kalman.state, n, fixes.vel_e[i], fixes.vel_cov_e[i], LEVER, kalman.omega_b
+        )
+        kalman.update(m)
+    kalman.propagate(stream.end)
+    return kalman
+
+
+def position_covariance(rows):
+    cov = np.empty((len(rows), 3, 3))
+    i, j = np.triu_indices(3)
+    cov[:, i, j] = cov[:, j, i] = rows[:, _kernels.ROW_COV : _kernels.ROW_COV + 6]
+    return cov
+
+
+def position_error(rows, trajectory):
+    return trajectory.pos_e(rows[:, 0]) - rows[:, 1:4]
+
+
+@pytest.mark.parametrize("states", [15, 21])
+def test_taping_does_not_change_the_filter(city_drive, states):
+    plain, taped = (run(city_drive, 1, s, states=states) for s in (False, True))
+    np.testing.assert_allclose(taped.rows[:, 0], plain.rows[:, 0], atol=1e-9)
+    np.testing.assert_allclose(taped.rows[:, 1:7], plain.rows[:, 1:7], atol=1e-6)
+    sigma = np.sqrt(np.diag(plain.P))
+    np.testing.assert_allclose((taped.P - plain.P) / np.outer(sigma, sigma), 0.0, atol=1e-6)
+
+
+def test_it_ends_where_the_filter_ends_and_is_never_worse(city_drive):
+    kalman = run(city_drive, 2)
+    rows = smooth(kalman.tape, kalman.P)
+    np.testing.assert_allclose(rows[:, 0], kalman.rows[:, 0])
+    np.testing.assert_allclose(rows[-1, 1:16], kalman.rows[-1, 1:16], atol=1e-6)
+    filtered = np.trace(position_covariance(kalman.rows), axis1=1, axis2=2)
+    smoothed = np.trace(position_covariance(rows), axis1=1, axis2=2)
+    assert np.all(smoothed <= filtered * (1 + 1e-9))
+    C = rows[:, 7:16].reshape(-1, 3, 3)
+    np.testing.assert_allclose(
+        C @ np.swapaxes(C, 1, 2), np.tile(np.eye(3), (len(C), 1, 1)), atol=1e-9
+    )
+
+
+def test_a_spell_without_gnss_is_bridged_from_both_ends(city_drive):
+    ratios = []
+    for seed in range(6):
+        kalman = run(city_drive, seed)
+        rows = smooth(kalman.tape, kalman.P)
+        spell = (rows[:, 0] > kalman.rows[0, 0] + 41.0) & (rows[:, 0] < kalman.rows[0, 0] + 70.5)
+        drift = [
+            np.linalg.norm(position_error(r, city_drive)[spell], axis=1).max()
+            for r in (kalman.rows, rows)
+        ]
+        ratios.append(drift[0] / drift[1])
+    assert np.median(ratios) > 5.0
+
+
+def test_smoothed_covariance_is_honest(city_drive):
+    """Mean position NEES over 30 seeds stays inside the 95 % bounds of χ²."""
+    runs, nees = 30, []
+    for seed in range(runs):
+        kalman = run(city_drive, seed)
+        rows = smooth(kalman.tape, kalman.P)
+        error, cov = position_error(rows, city_drive), position_covariance(rows)
+        nees.append(np.einsum("ki,ki->k", error, np.linalg.solve(cov, error[..., None])[..., 0]))
+    mean = np.mean(nees, axis=0)
+    low, high = chi2.ppf([0.025, 0.975], 3 * runs) / runs
+    assert low < mean.mean() < high
+    assert ((mean > low) & (mean < high)).mean() > 0.85
