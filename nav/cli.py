@@ -1,24 +1,13 @@
-"""Command line. Everything heavy is imported inside the commands, so that --help is instant."""
+"""Command line: the parser, and nothing heavy; a command is imported when it is called."""
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import sys
-import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from filters.errors import NavError
-
-if TYPE_CHECKING:
-    from datasets.sequence import Sequence
-    from nav.evaluation import Evaluation
-    from nav.solution import Solution
-
-#: The demo: a drive through street canyons, long enough for satellites to come and go.
-DEMO_SEED, DEMO_DURATION = 2, 600.0
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -28,7 +17,8 @@ def main(argv: list[str] | None = None) -> int:
     """
     arguments = _parser().parse_args(argv)
     try:
-        arguments.command(arguments)
+        module, function = arguments.command.split(":")
+        getattr(importlib.import_module(module), function)(arguments)
     except NavError as error:
         print(f"certnav: {error}", file=sys.stderr)
         return 1
@@ -67,7 +57,25 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--end", type=float, metavar="T", help="likewise")
     run.add_argument("--format", default="", metavar="LIST", help="also write pos,kml,tum,nav")
-    run.set_defaults(command=_run)
+    run.set_defaults(command="nav.run_command:run")
+
+    align = commands.add_parser(
+        "align",
+        help="find the attitude from Doppler and local velocity, window by window",
+        description="Certifiable alignment over sliding windows: heading of the vehicle from raw "
+        "Doppler and its own odometer, against the reference if there is one.",
+    )
+    align.add_argument("path", type=Path, help="folder of the recording")
+    align.add_argument("--window", type=float, default=15.0, metavar="S", help="length [15 s]")
+    align.add_argument("--step", type=float, default=5.0, metavar="S", help="distance [5 s]")
+    align.add_argument("--method", default="sdp", help="sdp, voba or gauss-newton [sdp]")
+    align.add_argument("--clock", default="linear", help="constant, linear or per-epoch [linear]")
+    align.add_argument("--satellites", type=float, metavar="N", help="keep N per epoch, drawn")
+    align.add_argument("--rows", default="all", help="all, or los where the data are labelled")
+    align.add_argument("--decimate", type=int, default=1, metavar="K", help="every K-th epoch")
+    align.add_argument("--json", action="store_true", help="print JSON instead of the table")
+    align.add_argument("--plot", type=Path, metavar="FILE", help="draw headings and errors (PNG)")
+    align.set_defaults(command="nav.align_command:align")
 
     simulate = commands.add_parser(
         "simulate",
@@ -85,7 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--moving-start", action="store_true", help="begin at cruising speed")
     simulate.add_argument("--exact", action="store_true", help="no noise, no reflections")
     simulate.add_argument("--overwrite", action="store_true")
-    simulate.set_defaults(command=_simulate)
+    simulate.set_defaults(command="nav.simulate_command:simulate")
 
     demo = commands.add_parser(
         "demo",
@@ -93,150 +101,8 @@ def _parser() -> argparse.ArgumentParser:
         description="Simulate a city drive in the GREAT layout, navigate it, write the report.",
     )
     demo.add_argument("--out", type=Path, default=Path("results/demo"), metavar="DIR")
-    demo.set_defaults(command=_demo)
+    demo.set_defaults(command="nav.run_command:demo")
     return parser
-
-
-def _run(arguments: argparse.Namespace) -> None:
-    from nav.config import load_config
-    from nav.formats import parse_formats
-
-    config = load_config(arguments.config, arguments.set)
-    _navigate(
-        arguments.path, config, arguments.out, parse_formats(arguments.format),
-        arguments.start, arguments.end,
-    )  # fmt: skip
-
-
-def _navigate(path, config, out, formats=(), start=None, end=None) -> None:
-    """Load, navigate, evaluate, write, and print the summary."""
-    from nav.results import check_replaceable
-
-    began = time.perf_counter()
-    if out is not None:
-        check_replaceable(out)
-    with _progress() as report:
-        report(0.0, "reading")
-        from datasets.load import load
-
-        sequence = _cut(load(path, **config.data), start, end)
-        out = Path("results") / sequence.name if out is None else out
-        check_replaceable(out)
-        read = time.perf_counter() - began
-
-        from nav.config import to_toml
-        from nav.evaluation import evaluate
-        from nav.pipeline import navigate
-        from nav.results import write_result
-
-        solution = navigate(sequence, config, report)
-        report(1.0, "evaluation and report")
-        evaluation = evaluate(solution, sequence)
-        solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
-        write_result(out, solution, evaluation, sequence, to_toml(config), formats)
-    _print_summary(solution, evaluation, sequence, out)
-
-
-def _cut(sequence: Sequence, start: float | None, end: float | None) -> Sequence:
-    """Return the part between two times given as seconds of week, or as GPS seconds."""
-    if start is None and end is None:
-        return sequence
-    from datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
-
-    first, last = sequence.span
-    week = int(to_week_sow(first)[0]) if sequence.time_scale == "gps" else 0
-
-    def full(value: float) -> float:
-        return value + week * SECONDS_PER_WEEK if value < SECONDS_PER_WEEK else value
-
-    return sequence.between(
-        first if start is None else full(start), last if end is None else full(end)
-    )
-
-
-def _print_summary(
-    solution: Solution, evaluation: Evaluation, sequence: Sequence, out: Path
-) -> None:
-    span = solution.trajectory.time[-1] - solution.trajectory.time[0]
-    print(f"{solution.name}: {span:.0f} s navigated, {len(sequence.inertial)} IMU samples")
-    print(f"  alignment   {solution.alignment.message}, after {solution.alignment.waited:.0f} s")
-    counts: dict[str, list[int]] = {}
-    for update in solution.updates:
-        entry = counts.setdefault(update.kind, [0, 0])
-        entry[0] += update.accepted
-        entry[1] += 1
-    for kind, (accepted, offered) in counts.items():
-        print(f"  {kind:<11} {accepted} of {offered} updates used")
-    m = evaluation.metrics
-    if m["horizontal_rms_m"] is not None:
-        print(
-            f"  horizontal  RMS {m['horizontal_rms_m']:.2f} m, 95 % {m['horizontal_p95_m']:.2f} m, "
-            f"worst {m['horizontal_max_m']:.2f} m"
-        )
-    if m["heading_rms_deg"] is not None:
-        print(f"  heading     RMS {m['heading_rms_deg']:.2f}°")
-    print(f"  report      {Path(out) / 'report.html'}")
-
-
-def _simulate(arguments: argparse.Namespace) -> None:
-    from datasets.great_writer import simulate_folder
-    from datasets.simulator import SimulationConfig
-
-    config = SimulationConfig(
-        name=arguments.out.name,
-        seed=arguments.seed,
-        duration=arguments.duration,
-        density=arguments.density,
-        imu=arguments.imu,
-        moving_start=arguments.moving_start,
-        noise=not arguments.exact,
-    )
-    with _progress() as report:
-        report(0.0, "simulating")
-        folder = simulate_folder(config, arguments.out, overwrite=arguments.overwrite)
-    print(f"{folder}: {config.duration:.0f} s of simulated driving; navigate it with")
-    print(f"  certnav run {folder}")
-
-
-def _demo(arguments: argparse.Namespace) -> None:
-    from datasets.great_writer import simulate_folder
-    from datasets.simulator import SimulationConfig
-    from nav.config import Config
-
-    out: Path = arguments.out
-    drive = out.parent / f"{out.name}-drive"
-    config = SimulationConfig(name="demo", seed=DEMO_SEED, duration=DEMO_DURATION)
-    print(f"simulating {DEMO_DURATION:.0f} s of city driving in the GREAT layout → {drive}")
-    simulate_folder(config, drive, overwrite=True)
-    _navigate(drive, Config(), out)
-
-
-def _progress() -> AbstractContextManager[Callable[[float, str], None]]:
-    """Return a context that yields a progress callback; silent when not on a terminal."""
-    if not sys.stderr.isatty():
-        return nullcontext(lambda fraction, what: None)
-    return _RichProgress()
-
-
-class _RichProgress:
-    """A progress bar on standard error."""
-
-    def __enter__(self) -> Callable[[float, str], None]:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-        self._bar = Progress(
-            TextColumn("{task.description:<24}"), BarColumn(), TimeElapsedColumn(),
-            console=Console(stderr=True), transient=True,
-        )  # fmt: skip
-        self._task = self._bar.add_task("", total=1.0)
-        self._bar.start()
-        return lambda fraction, what: self._bar.update(
-            self._task, completed=fraction, description=what
-        )
-
-    def __exit__(self, *exception: object) -> None:
-        self._bar.stop()
 
 
 if __name__ == "__main__":

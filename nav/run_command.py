@@ -1,0 +1,107 @@
+"""`certnav run` and `certnav demo`: load, navigate, evaluate, write, and say what came out."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+from datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
+from datasets.load import load
+from datasets.sequence import Sequence
+from nav.config import Config, load_config, to_toml
+from nav.evaluation import Evaluation, evaluate
+from nav.formats import parse_formats
+from nav.pipeline import navigate
+from nav.progress import progress
+from nav.results import check_replaceable, write_result
+from nav.solution import Solution
+
+#: The demo: a drive between tall buildings, long enough for satellites to come and go.
+DEMO_SEED, DEMO_DURATION = 2, 600.0
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Navigate a recording."""
+    config = load_config(arguments.config, arguments.set)
+    formats = parse_formats(arguments.format)
+    navigate_folder(arguments.path, config, arguments.out, formats, arguments.start, arguments.end)
+
+
+def demo(arguments: argparse.Namespace) -> None:
+    """Simulate a drive in the GREAT layout and navigate it."""
+    from datasets.great_writer import simulate_folder
+    from datasets.simulator import SimulationConfig
+
+    out: Path = arguments.out
+    drive = out.parent / f"{out.name}-drive"
+    config = SimulationConfig(name="demo", seed=DEMO_SEED, duration=DEMO_DURATION)
+    print(f"simulating {DEMO_DURATION:.0f} s of city driving in the GREAT layout → {drive}")
+    simulate_folder(config, drive, overwrite=True)
+    navigate_folder(drive, Config(), out)
+
+
+def navigate_folder(
+    path: Path,
+    config: Config,
+    out: Path | None = None,
+    formats: tuple[str, ...] = (),
+    start: float | None = None,
+    end: float | None = None,
+) -> Path:
+    """Load, navigate, evaluate, write the result directory, and print the summary."""
+    began = time.perf_counter()
+    if out is not None:
+        check_replaceable(out)
+    with progress() as report:
+        report(0.0, "reading")
+        sequence = cut(load(path, **config.data), start, end)
+        out = Path("results") / sequence.name if out is None else out
+        check_replaceable(out)
+        read = time.perf_counter() - began
+        solution = navigate(sequence, config, report)
+        report(1.0, "evaluation and report")
+        evaluation = evaluate(solution, sequence)
+        solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
+        write_result(out, solution, evaluation, sequence, to_toml(config), formats)
+    _print_summary(solution, evaluation, sequence, out)
+    return out
+
+
+def cut(sequence: Sequence, start: float | None, end: float | None) -> Sequence:
+    """Return the part between two times given as seconds of week, or as GPS seconds."""
+    if start is None and end is None:
+        return sequence
+    first, last = sequence.span
+    week = int(to_week_sow(first)[0]) if sequence.time_scale == "gps" else 0
+
+    def full(value: float) -> float:
+        return value + week * SECONDS_PER_WEEK if value < SECONDS_PER_WEEK else value
+
+    return sequence.between(
+        first if start is None else full(start), last if end is None else full(end)
+    )
+
+
+def _print_summary(
+    solution: Solution, evaluation: Evaluation, sequence: Sequence, out: Path
+) -> None:
+    span = solution.trajectory.time[-1] - solution.trajectory.time[0]
+    print(f"{solution.name}: {span:.0f} s navigated, {len(sequence.inertial)} IMU samples")
+    print(f"  alignment   {solution.alignment.message}, after {solution.alignment.waited:.0f} s")
+    counts: dict[str, list[int]] = {}
+    for update in solution.updates:
+        entry = counts.setdefault(update.kind, [0, 0])
+        entry[0] += update.accepted
+        entry[1] += 1
+    for kind, (accepted, offered) in counts.items():
+        print(f"  {kind:<11} {accepted} of {offered} updates used")
+    m = evaluation.metrics
+    if m["horizontal_rms_m"] is not None:
+        print(
+            f"  horizontal  RMS {m['horizontal_rms_m']:.2f} m, 95 % {m['horizontal_p95_m']:.2f} m, "
+            f"worst {m['horizontal_max_m']:.2f} m"
+        )
+    if m["heading_rms_deg"] is not None:
+        print(f"  heading     RMS {m['heading_rms_deg']:.2f}°")
+    print(f"  report      {Path(out) / 'report.html'}")
