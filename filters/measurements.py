@@ -104,3 +104,39 @@ def velocity(
     H[:, GYRO_BIAS] = state.C_eb @ skew(lever)
     z = np.asarray(vel_e, dtype=float) - antenna_velocity(state, omega, lever)
     return Measurement(z, H, np.asarray(cov_e, dtype=float))
+
+
+def range_rates(
+    state: NavState,
+    states: int,
+    e_e: ArrayLike,
+    z: ArrayLike,
+    sigma: ArrayLike,
+    lever_b: ArrayLike,
+    omega_b: ArrayLike,
+) -> Measurement:
+    """Doppler of two or more satellites of one epoch, the receiver's clock drift eliminated.
+
+    Each row says z = e·v_antenna − cδṫ_r + noise (DDIA-VE eq. 5). The whitened rows are turned so
+    that the clock stands in one of them, which is dropped: n rows become n − 1 of unit variance,
+    without a choice of reference satellite. For two rows this is eq. (14), v_AB = e_AB·v, as a
+    scalar measurement: no division by k, and nothing assumed about where the vehicle points.
+
+    Parameters
+    ----------
+    state, states, lever_b, omega_b
+        As for `velocity`.
+    e_e : array_like, shape (n, 3)
+        Lines of sight from receiver to satellite.
+    z, sigma : array_like, shape (n,)
+        [m/s].
+    """
+    e, sigma = np.asarray(e_e, dtype=float), np.asarray(sigma, dtype=float)
+    antenna = velocity(state, states, np.zeros(3), np.eye(3), lever_b, omega_b)
+    predicted = antenna_velocity(state, omega_b, lever_b)
+    weight = 1.0 / sigma
+    residual = weight * (np.asarray(z, dtype=float) - e @ predicted)
+    # Complement of the clock's direction: the last columns of a full QR of it.
+    free = np.linalg.qr(weight[:, None], mode="complete")[0][:, 1:].T
+    H = free @ (weight[:, None] * e) @ antenna.H
+    return Measurement(free @ residual, H, np.eye(len(sigma) - 1))

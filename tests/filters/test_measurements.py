@@ -53,3 +53,52 @@ def test_lever_arm_velocity_on_a_circle(moving_state):
     vel = measurements.antenna_velocity(state, [0, 0, 0.5], [2.0, 0, 0])
     earth_rate_share = 2.0 * 7.3e-5
     np.testing.assert_allclose(state.C_eb.T @ vel, [0, 1.0, 0], atol=earth_rate_share)
+
+
+def satellites(n, seed=3):
+    rng = np.random.default_rng(seed)
+    e = rng.normal(size=(n, 3))
+    return e / np.linalg.norm(e, axis=1, keepdims=True), rng.uniform(0.03, 0.3, n)
+
+
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_range_rate_rows_are_blind_to_the_clock_and_right_in_slope(moving_state, n):
+    e, sigma = satellites(n)
+    truth = predict("velocity", moving_state, np.zeros(15))
+    for drift in (0.0, 4e4):
+        m = measurements.range_rates(moving_state, 15, e, e @ truth - drift, sigma, LEVER, OMEGA)
+        assert m.z.shape == (n - 1,)
+        np.testing.assert_allclose(m.z, 0.0, atol=1e-6)
+
+    def innovation(x):
+        z = e @ predict("velocity", moving_state, x) - 12.0
+        return measurements.range_rates(moving_state, 15, e, z, sigma, LEVER, OMEGA).z
+
+    steps = np.repeat([10.0, 1.0, 1e-3, 1e-3, 1.0], 3)
+    numeric = np.column_stack(
+        [
+            (innovation(s * x) - innovation(-s * x)) / (2 * s)
+            for s, x in zip(steps, np.eye(15), strict=True)
+        ]
+    )
+    np.testing.assert_allclose(m.H, numeric, atol=1e-5)
+
+
+def test_range_rates_of_two_satellites_are_their_difference(moving_state):
+    """NIS of the pair is (Δz − e_AB·v)²/(σ_A² + σ_B²), whatever the weights."""
+    e, sigma = satellites(2, seed=9)
+    z = np.array([3.0, -7.0])
+    m = measurements.range_rates(moving_state, 15, e, z, sigma, LEVER, OMEGA)
+    v = predict("velocity", moving_state, np.zeros(15))
+    pair = (z[0] - z[1]) - (e[0] - e[1]) @ v
+    assert m.z @ m.z == pytest.approx(pair**2 / np.sum(sigma**2))
+
+
+def test_range_rates_carry_what_least_squares_would(moving_state):
+    """The information on velocity equals that of eq. (6) after its clock is eliminated."""
+    e, sigma = satellites(7)
+    m = measurements.range_rates(moving_state, 15, e, np.zeros(7), sigma, np.zeros(3), OMEGA)
+    full = np.column_stack([e, -np.ones(7)]) / sigma[:, None]
+    cov = np.linalg.inv(full.T @ full)[:3, :3]
+    H = m.H[:, 3:6]
+    np.testing.assert_allclose(np.linalg.inv(H.T @ H), cov, rtol=1e-9)
