@@ -1,0 +1,193 @@
+"""The cost matrix against residuals computed directly, and its nuisances against explicit ones."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from alignment.constraints import lift
+from alignment.problem import (
+    AlignmentRows,
+    ClockModel,
+    build_problem,
+    design_matrix,
+    project_out,
+)
+from alignment.simulation import simulate_window
+from filters.errors import AlignmentError, ConfigError, DataError
+
+MODELS = [
+    ClockModel(),
+    ClockModel("linear"),
+    ClockModel("per-epoch"),
+    ClockModel("random-walk", 0.3),
+]
+
+
+def explicit_cost(rows, C_ew, clock, nuisance=None):
+    """Weighted least squares over the nuisances at a fixed rotation: the slow, plain way."""
+    residual = np.einsum("ki,ij,kj->k", rows.e_e, C_ew, rows.vel_w) - rows.z
+    covariance = np.diag(rows.sigma**2)
+    columns = -np.ones((len(rows), 1))
+    if clock.kind == "linear":
+        columns = np.column_stack([columns, -(rows.time - rows.time.mean())])
+    if clock.kind == "per-epoch":
+        columns = -(rows.epoch[:, None] == np.unique(rows.epoch)).astype(float)
+    if clock.kind == "random-walk":
+        t = rows.time - rows.time.min()
+        covariance = covariance + clock.q**2 * np.minimum(t[:, None], t)
+    if nuisance is not None:
+        columns = np.column_stack([columns, nuisance])
+    weight = np.linalg.inv(covariance)
+    normal = columns.T @ weight @ columns
+    parameters = -np.linalg.solve(normal, columns.T @ weight @ residual)
+    left = residual + columns @ parameters
+    return left @ weight @ left, parameters
+
+
+@pytest.fixture
+def rows(rng):
+    window = simulate_window(rng, 5, sigma=0.1, clock_walk=0.1)
+    spread = rng.uniform(0.03, 1.0, len(window.rows))
+    return dataclasses.replace(window.rows, sigma=spread)
+
+
+def test_design_matrix_is_the_residual_before_the_clock(rows, rotations):
+    C = rotations[0]
+    expected = [e @ C @ v - z for e, v, z in zip(rows.e_e, rows.vel_w, rows.z, strict=True)]
+    np.testing.assert_allclose(design_matrix(rows) @ lift(C), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("clock", MODELS, ids=lambda m: m.kind)
+def test_projection_equals_least_squares_over_the_clock(rows, rotations, clock):
+    problem = build_problem(rows, clock)
+    for C in rotations[:10]:
+        cost, parameters = explicit_cost(rows, C, clock)
+        assert problem.cost(C) == pytest.approx(cost, rel=1e-9)
+        x = lift(C)
+        assert x @ problem.Q @ x == pytest.approx(cost, rel=1e-9)
+        np.testing.assert_allclose(problem.nuisance_at(C), parameters, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("clock", MODELS, ids=lambda m: m.kind)
+def test_further_nuisances_are_projected_out_along_with_the_clock(rows, rotations, clock):
+    problem = build_problem(rows, clock, rows.e_e)
+    cost, parameters = explicit_cost(rows, rotations[1], clock, rows.e_e)
+    assert problem.cost(rotations[1]) == pytest.approx(cost, rel=1e-9)
+    np.testing.assert_allclose(problem.nuisance_at(rotations[1]), parameters, rtol=1e-6, atol=1e-6)
+    assert problem.dof == build_problem(rows, clock).dof - 3
+
+
+def test_unknown_start_velocity_costs_nothing_as_a_nuisance(rng):
+    window = simulate_window(rng, 6)
+    start = np.array([3.0, -7.0, 11.0])
+    moved = dataclasses.replace(window.rows, z=window.rows.z + window.rows.e_e @ start)
+    problem = build_problem(moved, nuisance=moved.e_e)
+    assert problem.cost(window.C_ew) < 1e-18
+    np.testing.assert_allclose(problem.nuisance_at(window.C_ew)[1:], start, atol=1e-9)
+
+
+def test_truth_has_zero_cost_and_the_true_clock(windows):
+    for window, problem in windows(20, 3):
+        assert problem.cost(window.C_ew) < 1e-18
+        assert problem.nuisance_at(window.C_ew)[0] == pytest.approx(190.3, abs=1e-9)
+
+
+@pytest.mark.parametrize("drift", [1e4, 1e6])
+def test_projected_rows_keep_the_digits_a_schur_complement_loses(rng, drift):
+    window = simulate_window(rng, 4, clock_drift=drift, assumed_sigma=1.0)
+    problem = build_problem(window.rows)
+    # z carries the drift: its own rounding, 1e6·eps, is all that may be left.
+    assert problem.cost(window.C_ew) < 1e3 * (drift * np.finfo(float).eps) ** 2
+    B, ones = design_matrix(window.rows), np.ones(len(window.rows))
+    schur = B.T @ B - np.outer(B.T @ ones, ones @ B) / len(ones)
+    x = lift(window.C_ew)
+    assert abs(x @ schur @ x) > 1e3 * abs(x @ problem.Q @ x)
+
+
+def test_cost_at_the_truth_is_chi_square(windows):
+    drawn = windows(300, 4, sigma=0.2)
+    costs = np.array([problem.cost(window.C_ew) for window, problem in drawn])
+    dof = drawn[0][1].dof + 3
+    assert dof == 39  # 40 rows, one clock
+    assert costs.mean() == pytest.approx(dof, abs=4.0 * np.sqrt(2.0 * dof / 300))
+
+
+def test_random_walk_has_constant_and_per_epoch_clocks_as_limits(rows):
+    still = build_problem(rows, ClockModel("random-walk", 0.0))
+    np.testing.assert_allclose(still.Q, build_problem(rows).Q, rtol=1e-10, atol=1e-8)
+    wild = build_problem(rows, ClockModel("random-walk", 1e4))
+    free = build_problem(rows, ClockModel("per-epoch"))
+    np.testing.assert_allclose(wild.Q, free.Q, atol=1e-6 * np.trace(free.Q))
+
+
+def test_linear_clock_absorbs_a_drift_rate_that_the_constant_one_does_not(rng):
+    window = simulate_window(rng, 4, clock_rate=0.1)
+    assert build_problem(window.rows, ClockModel("linear")).cost(window.C_ew) < 1e-16
+    assert build_problem(window.rows).cost(window.C_ew) > 1.0
+
+
+def test_factor_squares_to_the_cost_matrix(rows):
+    problem = build_problem(rows)
+    np.testing.assert_allclose(problem.factor.T @ problem.factor, problem.Q, rtol=1e-13)
+    np.testing.assert_array_equal(problem.factor, np.triu(problem.factor))
+
+
+def test_project_out_copes_with_dependent_and_empty_columns(rng):
+    matrix, columns = rng.normal(size=(12, 4)), rng.normal(size=(12, 2))
+    dependent = np.column_stack([columns, columns @ [[1.0], [2.0]], np.zeros(12)])
+    projected, rank = project_out(matrix, dependent)
+    assert rank == 2
+    assert np.abs(columns.T @ projected).max() < 1e-14
+    untouched, rank = project_out(matrix, np.zeros((12, 0)))
+    assert rank == 0
+    np.testing.assert_array_equal(untouched, matrix)
+
+
+def test_project_out_leaves_nothing_of_a_huge_column(rng):
+    # One pass leaves eps times what it removed.
+    columns = rng.uniform(1.0, 2.0, size=(30, 2))
+    left, _ = project_out(rng.normal(size=(30, 1)) + 1e8 * columns[:, :1], columns)
+    assert np.linalg.norm(columns.T @ left) < 1e-13 * 30
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("z", [np.nan, 0.0], r"z: not finite at index 0"),
+        ("vel_w", np.zeros((2, 2)), r"vel_w: expected shape \(2, 3\), found \(2, 2\)"),
+        ("e_e", [[1.0, 0, 0], [2.0, 0, 0]], r"e_e: expected a unit vector, found 2 at index 1"),
+        ("sigma", [1.0, 0.0], r"sigma: expected a positive 1σ, found 0 at index 1"),
+        ("epoch", [0.0, 1.0], r"epoch: expected 2 integers"),
+    ],
+)
+def test_rows_refuse_what_is_wrong_by_name_and_index(field, value, message):
+    good = {
+        "e_e": np.eye(3)[:2], "vel_w": np.eye(3)[:2], "z": [1.0, 2.0], "sigma": [1.0, 1.0],
+        "epoch": [0, 1], "time": [0.0, 1.0],
+    }  # fmt: skip
+    AlignmentRows(**good)
+    with pytest.raises(DataError, match=message):
+        AlignmentRows(**{**good, field: value})
+
+
+def test_windows_without_information_are_refused(rng):
+    rows = simulate_window(rng, 4).rows
+    with pytest.raises(AlignmentError, match="no rows"):
+        build_problem(rows.take(slice(0, 0)))
+    with pytest.raises(AlignmentError, match="stands still"):
+        build_problem(dataclasses.replace(rows, vel_w=np.zeros_like(rows.vel_w)))
+    one_each = rows.take(slice(None, None, 4))
+    with pytest.raises(AlignmentError, match="clock model takes up every row"):
+        build_problem(one_each, ClockModel("per-epoch"))
+
+
+def test_clock_models_are_declared_or_refused():
+    with pytest.raises(ConfigError, match="did you mean 'per-epoch'"):
+        ClockModel("per epoch")
+    with pytest.raises(ConfigError, match="expected q ≥ 0"):
+        ClockModel("random-walk")
+    with pytest.raises(ConfigError, match="has no q"):
+        ClockModel("constant", 0.1)
