@@ -101,7 +101,7 @@ def rinex_files(files: list[Path]) -> tuple[list[Path], list[Path]]:
     """
     observations, navigation = [], []
     for file in files:
-        if not _RINEX_NAME.search(file.name):
+        if not is_rinex_name(file.name):
             continue
         kind = rinex_kind(file)
         if kind == "O" and "base" not in file.parent.name.lower():
@@ -109,6 +109,11 @@ def rinex_files(files: list[Path]) -> tuple[list[Path], list[Path]]:
         elif kind == "N":
             navigation.append(file)
     return observations, navigation
+
+
+def is_rinex_name(name: str) -> bool:
+    """Return whether a file of that name is looked into for RINEX."""
+    return _RINEX_NAME.search(name) is not None
 
 
 def rinex_kind(path: Path) -> str:

@@ -125,3 +125,26 @@ def read_imu_text(
     return convert(
         read_imu_table(path), week=week, gyro_unit=gyro_unit, accel_unit=accel_unit, axes=axes
     )
+
+
+def rates_from_increments(time: FloatArray, increment: FloatArray) -> FloatArray:
+    """Return mean rates of increments over the interval that ends at each stamp.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        [s].
+    increment : ndarray, shape (n, 3)
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Increments over the stamps' differences. The first interval, and one in which rows are
+        missing (1.5 times the usual length and more), count as of the usual length: increments
+        of lost rows are lost, not in the next one.
+    """
+    step = np.diff(time, prepend=time[0])
+    usual = float(np.median(step[1:]))
+    step[0] = usual
+    step[step > 1.5 * usual] = usual
+    return increment / step[:, None]

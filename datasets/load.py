@@ -12,9 +12,12 @@ from typing import Any
 from datasets.comma2k19 import is_comma2k19, read_comma2k19
 from datasets.great import read_great
 from datasets.great_files import is_great
+from datasets.kfgins import is_kfgins, read_kfgins
 from datasets.oakville import is_oakville, read_oakville
+from datasets.own_data import is_declared, read_declared
 from datasets.rtklibexplorer import is_rtklibexplorer, read_rtklibexplorer
 from datasets.sequence import Sequence
+from datasets.smartloc import is_smartloc, read_smartloc
 from filters.errors import ConfigError, DataError
 
 
@@ -53,6 +56,9 @@ def _spirent() -> Format:
 FORMATS: dict[str, Format] = {
     "great": Format(is_great, read_great, "IMU/*.txt with GNSS/ or Groundtruth/, or great.toml"),
     "comma2k19": Format(is_comma2k19, read_comma2k19, "processed_log/IMU with global_pose"),
+    "declared": Format(is_declared, read_declared, "sequence.toml"),
+    "smartloc": Format(is_smartloc, read_smartloc, "RXM-RAWX.csv"),
+    "kf-gins": Format(is_kfgins, read_kfgins, "IMU and GNSS text in KF-GINS's columns"),
     "oakville": Format(is_oakville, read_oakville, "imu.csv[.gz] with gnss.csv[.gz]"),
     "rtklibexplorer": Format(is_rtklibexplorer, read_rtklibexplorer, "imu_*.csv with gnss_*.pos"),
 }
@@ -66,6 +72,9 @@ def formats() -> dict[str, Format]:
 def recognise(path: str | Path) -> str:
     """Return the name of the format a folder is in.
 
+    A declaration goes before everything else the folder may look like; it may also be named
+    itself (``drive.toml``).
+
     Raises
     ------
     DataError
@@ -74,10 +83,14 @@ def recognise(path: str | Path) -> str:
     folder = Path(path)
     if not folder.exists():
         raise DataError("no such file or folder", file=folder, remedy="check the path")
+    if folder.is_file() and folder.suffix == ".toml":
+        return "declared"
     if not folder.is_dir():
         raise DataError("expected a folder, found a file", file=folder, remedy="name its folder")
     known = formats()
     found = [name for name, kind in known.items() if kind.detect(folder)]
+    if "declared" in found:
+        return "declared"
     if len(found) == 1:
         return found[0]
     if found:
@@ -99,8 +112,9 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
     format : str, optional
         One of `formats`; default: recognised by the folder's contents, and said in the notes.
     **options
-        The reader's own; see `read_great`, `read_comma2k19`, `read_oakville`,
-        `read_rtklibexplorer`, `datasets.instinct.read_spirent`.
+        The reader's own; see `read_great`, `read_smartloc`, `read_kfgins`, `read_comma2k19`,
+        `read_oakville`, `read_rtklibexplorer`, `datasets.instinct.read_spirent`. A declaration
+        takes none: everything is in the file.
 
     Raises
     ------

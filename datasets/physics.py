@@ -8,6 +8,9 @@ where degrees and radians are mixed up.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +31,32 @@ MIN_TURNED = np.pi / 2
 SLOPE_TOLERANCE = 0.10
 #: Mean specific force of a drive may be off by bias and mounting [m/s²].
 GRAVITY_TOLERANCE = 0.6
+
+
+_collected: ContextVar[list[DataError] | None] = ContextVar("collected", default=None)
+
+
+@contextmanager
+def collected_refusals() -> Iterator[list[DataError]]:
+    """Collect what `check_gyro` and `check_gravity` refuse, instead of raising it.
+
+    For a reader's data to be looked at as a whole although they contradict physics.
+    """
+    refused: list[DataError] = []
+    token = _collected.set(refused)
+    try:
+        yield refused
+    finally:
+        _collected.reset(token)
+
+
+def _refuse(error: DataError) -> str:
+    """Raise the error, or collect it and return it as evidence."""
+    refused = _collected.get()
+    if refused is None:
+        raise error
+    refused.append(error)
+    return str(error)
 
 
 @dataclass(frozen=True)
@@ -241,10 +270,12 @@ def check_gyro(
         remedy = "the file is in rad/s: declare gyro_unit='rad/s'"
     else:
         remedy = "check the gyro's unit, axes and time scale"
-    raise DataError(
-        f"gyro declared {declared} contradicts the course: {evidence}, expected 1",
-        file=file,
-        remedy=remedy,
+    return _refuse(
+        DataError(
+            f"gyro declared {declared} contradicts the course: {evidence}, expected 1",
+            file=file,
+            remedy=remedy,
+        )
     )
 
 
@@ -274,19 +305,23 @@ def check_gravity(accel_b: ArrayLike, *, file: str | Path, declared: str) -> str
             remedy = "the file is in m/s²: declare accel_unit='m/s2'"
         else:
             remedy = "check unit, and whether the file holds increments instead of rates"
-        raise DataError(
-            f"accelerometer declared {declared}: expected a mean of 9.8 m/s², found {size:.2f}",
-            file=file,
-            remedy=remedy,
+        return _refuse(
+            DataError(
+                f"accelerometer declared {declared}: expected a mean of 9.8 m/s², found {size:.2f}",
+                file=file,
+                remedy=remedy,
+            )
         )
     if -mean[2] < size * np.cos(np.radians(30.0)):
         axis = int(np.argmax(np.abs(mean)))
         sign = "+" if mean[axis] > 0 else "−"
-        raise DataError(
-            f"accelerometer declared {declared}: expected up = −z after conversion to "
-            f"forward-right-down, found {sign}{'xyz'[axis]} ({mean.round(2)} m/s²)",
-            file=file,
-            remedy="declare the axes the file really holds",
+        return _refuse(
+            DataError(
+                f"accelerometer declared {declared}: expected up = −z after conversion to "
+                f"forward-right-down, found {sign}{'xyz'[axis]} ({mean.round(2)} m/s²)",
+                file=file,
+                remedy="declare the axes the file really holds",
+            )
         )
     tilt = np.degrees(np.arccos(np.clip(-mean[2] / size, -1.0, 1.0)))
     return (

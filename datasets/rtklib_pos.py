@@ -1,13 +1,15 @@
 """RTKLIB solution files (``.pos``): positions, and velocities where they were written.
 
-The comment line that names the columns says everything: time system (GPST or UTC), geodetic or
-ECEF, and which deviations follow. Time is a calendar date or week and seconds of week. The
-off-diagonal columns (sdne, sdeu, sdun; sdxy, sdyz, sdzx) are signed roots: the covariance is
-sd·|sd|.
+The comment line that names the columns says everything: time system (GPST or UTC), geodetic
+(degrees, or degrees, minutes and seconds in three tokens) or ECEF, which deviations follow, the
+velocity (north-east-up or ECEF), and the character between fields. Time is a calendar date or
+week and seconds of week. The off-diagonal columns (sdne, sdeu, sdun; sdxy, sdyz, sdzx) are signed
+roots: the covariance is sd·|sd|.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +19,16 @@ from numpy.typing import NDArray
 from datasets import gpstime
 from datasets.sequence import GnssFixes, StrArray
 from datasets.text_tables import Table, increasing, read_lines, read_table
-from filters.earth import C_en_at, lla_to_ecef
+from filters.earth import C_en_at, ecef_to_lla, lla_to_ecef
 from filters.errors import DataError
 from filters.rotation import FloatArray
 
 #: RTKLIB's solution status, column Q.
 QUALITY = {1: "fixed", 2: "float", 3: "sbas", 4: "dgps", 5: "single", 6: "ppp", 7: "dr"}
 _GEODETIC = ("latitude(deg)", "longitude(deg)", "height(m)")
+_SEXAGESIMAL = ("latitude(d'\")", "longitude(d'\")", "height(m)")
 _ECEF = ("x-ecef(m)", "y-ecef(m)", "z-ecef(m)")
+_VELOCITIES = ({"vn", "ve", "vu"}, {"vx", "vy", "vz"})
 _TIME_SYSTEMS = ("GPST", "UTC")
 
 
@@ -41,8 +45,8 @@ def read_pos(path: str | Path) -> GnssFixes:
     Raises
     ------
     DataError
-        No column header, baselines or degrees-minutes-seconds instead of coordinates, a height
-        above the geoid, an unknown time system, unreadable rows, time not increasing.
+        No column header, baselines instead of coordinates, a height above the geoid, an unknown
+        time system, unreadable rows, time not increasing.
     """
     path = Path(path)
     lines = read_lines(path)
@@ -55,6 +59,10 @@ def read_pos(path: str | Path) -> GnssFixes:
         )
     line, system, names = found
     _check_header(path, lines[: line + 1], line, system, names)
+    separator = next((c for c in ",;\t" if c in lines[line]), "")
+    if separator:
+        lines = [text.replace(separator, " ") for text in lines]
+    names = _tokens(names)
     columns = ("date or week", "time", *names)
     table = read_table(
         path,
@@ -65,10 +73,11 @@ def read_pos(path: str | Path) -> GnssFixes:
         is_data=lambda token: token[:1].isdigit(),
     )
     value = {name.split("(")[0]: table.values[:, k] for k, name in enumerate(names)}
+    _join_sexagesimal(table, value)
     time = _time(table, system)
     increasing(table, time, "time")
     quality = np.array([QUALITY.get(int(q), f"Q={int(q)}") for q in value["Q"]])
-    if set(_GEODETIC) <= set(names):
+    if "latitude" in value:
         return _geodetic_fixes(time, value, quality)
     return _ecef_fixes(time, value, quality)
 
@@ -76,7 +85,7 @@ def read_pos(path: str | Path) -> GnssFixes:
 def _header(lines: list[str]) -> tuple[int, str, list[str]] | None:
     """Return index of the column header, its time system and the names after the time."""
     for k, line in enumerate(lines):
-        tokens = line.split()
+        tokens = re.split(r"[\s,;]+", line.strip())
         if tokens[:1] == ["%"]:
             tokens = tokens[1:]
         elif line.startswith("%"):
@@ -94,13 +103,49 @@ def _check_header(path: Path, head: list[str], line: int, system: str, names: li
 
     if system not in _TIME_SYSTEMS:
         refuse(f"time system: expected GPST or UTC, found {system}", "set out-timesys=gpst")
-    if not (set(_GEODETIC) <= set(names) or set(_ECEF) <= set(names)):
+    if not any(set(kind) <= set(names) for kind in (_GEODETIC, _SEXAGESIMAL, _ECEF)):
         refuse(
             f"expected {' '.join(_GEODETIC)} or {' '.join(_ECEF)}, found {' '.join(names[:3])}",
-            "set out-solformat=llh and out-degform=deg",
+            "set out-solformat=llh or xyz",
         )
+    known = {name.split("(")[0] for name in names}
+    if known & {v for kind in _VELOCITIES for v in kind} and not any(
+        kind <= known for kind in _VELOCITIES
+    ):
+        refuse("velocity: expected vn ve vu or vx vy vz", "set out-outvel=on")
     if any("/geodetic" in comment for comment in head):
         refuse("heights are above the geoid", "set out-height=ellipsoidal")
+
+
+def _tokens(names: list[str]) -> list[str]:
+    """Return one name per token: degrees, minutes and seconds are three."""
+    out = []
+    for name in names:
+        what, _, unit = name.partition("(")
+        out += [f"{what} {part}" for part in "dms"] if unit.startswith("d'") else [name]
+    return out
+
+
+def _join_sexagesimal(table: Table, value: dict[str, FloatArray]) -> None:
+    """Add latitude and longitude [deg] where the file has degrees, minutes and seconds.
+
+    The sign stands at the degrees alone, also before a zero: −0° 30′ is south.
+    """
+    for what in ("latitude", "longitude"):
+        if f"{what} d" not in value:
+            continue
+        degrees, minutes, seconds = (value[f"{what} {part}"] for part in "dms")
+        bad = (minutes < 0.0) | (minutes >= 60.0) | (seconds < 0.0) | (seconds > 60.0)
+        if bad.any():
+            k = int(np.argmax(bad))
+            raise DataError(
+                f"{what}: expected minutes and seconds of 0 … 60, found {minutes[k]:g} "
+                f"{seconds[k]:g}",
+                file=table.file,
+                line=int(table.line[k]),
+            )
+        size = np.abs(degrees) + minutes / 60.0 + seconds / 3600.0
+        value[what] = np.copysign(size, degrees)
 
 
 def _time(table: Table, system: str) -> FloatArray:
@@ -159,34 +204,50 @@ def _covariance(value: dict[str, FloatArray], kind: str, axes: str) -> FloatArra
 
 def _geodetic_fixes(time: FloatArray, value: dict[str, FloatArray], quality: StrArray) -> GnssFixes:
     lat, lon = np.radians(value["latitude"]), np.radians(value["longitude"])
-    # RTKLIB's axes are north, east, up
-    C_e_neu = C_en_at(lat, lon) * np.array([1.0, 1.0, -1.0])
-
-    def to_e(cov: FloatArray) -> FloatArray:
-        return C_e_neu @ cov @ np.swapaxes(C_e_neu, 1, 2)
-
-    vel = _vector(value, ("vn", "ve", "vu"), time.size)
+    C_e_neu = _C_e_neu(lat, lon)
+    vel_e, vel_cov_e = _velocity(value, C_e_neu)
     return GnssFixes(
         time=time,
         pos_e=lla_to_ecef(lat, lon, value["height"]),
-        pos_cov_e=to_e(_covariance(value, "sd", "neu")),
-        vel_e=np.einsum("nij,nj->ni", C_e_neu, vel),
-        vel_cov_e=to_e(_covariance(value, "sdv", "neu")),
+        pos_cov_e=_turned(C_e_neu, _covariance(value, "sd", "neu")),
+        vel_e=vel_e,
+        vel_cov_e=vel_cov_e,
         satellites=value["ns"].astype(int),
         quality=quality,
     )
 
 
 def _ecef_fixes(time: FloatArray, value: dict[str, FloatArray], quality: StrArray) -> GnssFixes:
+    pos_e = _vector(value, ("x-ecef", "y-ecef", "z-ecef"), time.size)
+    lla = ecef_to_lla(pos_e)
+    vel_e, vel_cov_e = _velocity(value, _C_e_neu(lla[:, 0], lla[:, 1]))
     return GnssFixes(
         time=time,
-        pos_e=_vector(value, ("x-ecef", "y-ecef", "z-ecef"), time.size),
+        pos_e=pos_e,
         pos_cov_e=_covariance(value, "sd", "xyz"),
-        vel_e=_vector(value, ("vx", "vy", "vz"), time.size),
-        vel_cov_e=_covariance(value, "sdv", "xyz"),
+        vel_e=vel_e,
+        vel_cov_e=vel_cov_e,
         satellites=value["ns"].astype(int),
         quality=quality,
     )
+
+
+def _C_e_neu(lat: FloatArray, lon: FloatArray) -> FloatArray:
+    """Return the rotation from RTKLIB's axes north, east, up to ECEF."""
+    return C_en_at(lat, lon) * np.array([1.0, 1.0, -1.0])
+
+
+def _turned(C: FloatArray, cov: FloatArray) -> FloatArray:
+    return C @ cov @ np.swapaxes(C, 1, 2)
+
+
+def _velocity(value: dict[str, FloatArray], C_e_neu: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return velocity and covariance in ECEF, whichever axes the file has them in."""
+    n = C_e_neu.shape[0]
+    if {"vx", "vy", "vz"} <= set(value):
+        return _vector(value, ("vx", "vy", "vz"), n), _covariance(value, "sdv", "xyz")
+    vel = _vector(value, ("vn", "ve", "vu"), n)
+    return np.einsum("nij,nj->ni", C_e_neu, vel), _turned(C_e_neu, _covariance(value, "sdv", "neu"))
 
 
 def _vector(value: dict[str, FloatArray], names: tuple[str, str, str], n: int) -> FloatArray:

@@ -392,6 +392,9 @@ class Calibration:
         How well it is known, 1σ per axis [m]; enters the fix covariance.
     C_bv : array_like, shape (3, 3)
         Vehicle mounting: ``C_bv @ x_v == x_b``, vehicle axes forward-right-down.
+    mounting_source : str
+        Where mounting and `lever_vehicle_b` come from; '' when they are not known, which keeps
+        vehicle constraints off.
     lever_vehicle_b : array_like, shape (3,)
         From the IMU to the point the wheels constrain (middle of the rear axle), body axes [m].
     """
@@ -402,6 +405,7 @@ class Calibration:
     lever_antenna_sigma: float = 0.0
     C_bv: FloatArray = field(default_factory=lambda: np.eye(3))
     lever_vehicle_b: FloatArray = field(default_factory=lambda: np.zeros(3))
+    mounting_source: str = ""
 
     def __post_init__(self) -> None:
         C_bv = _array("calibration", "C_bv", self.C_bv, (3, 3))

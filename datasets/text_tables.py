@@ -121,7 +121,8 @@ def read_table(
         )
         if frame is None:  # every line passed the walk, so this is pandas' opinion alone
             raise DataError("not readable as a table of numbers", file=path, line=start + 1)
-    values = np.column_stack([frame[k].to_numpy(dtype=float) for k in numeric])
+    parts = [frame[k].to_numpy(dtype=float) for k in numeric]
+    values = np.column_stack(parts) if parts else np.empty((len(frame), 0))
     words = tuple(frame[k].to_numpy().astype(str) for k in text)
     return Table(path, values, words, number, tuple(skipped))
 

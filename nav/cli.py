@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 from pathlib import Path
 
 from filters.errors import NavError
+from nav.tuning_command import DESCRIPTION as TUNE_DESCRIPTION
+from nav.tuning_command import add_arguments as add_tuning_arguments
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -18,10 +21,13 @@ def main(argv: list[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     try:
         module, function = arguments.command.split(":")
-        getattr(importlib.import_module(module), function)(arguments)
+        status = getattr(importlib.import_module(module), function)(arguments)
     except NavError as error:
         print(f"certnav: {error}", file=sys.stderr)
         return 1
+    except BrokenPipeError:  # the reader of our output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except OSError as error:
         name = f"{error.filename}: " if error.filename else ""
         print(f"certnav: {name}{error.strerror or error}", file=sys.stderr)
@@ -29,7 +35,7 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("certnav: interrupted; nothing was written", file=sys.stderr)
         return 130
-    return 0
+    return int(status or 0)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -59,6 +65,48 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--format", default="", metavar="LIST", help="also write pos,kml,tum,nav")
     run.set_defaults(command="nav.run_command:run")
 
+    run.add_argument(
+        "--unchecked", action="store_true", help="navigate even if the data contradict physics"
+    )
+
+    check = commands.add_parser(
+        "check",
+        help="test a recording against physics before anything is made of it",
+        description="Load a recording and test it: gravity, turn rates against the course, time "
+        "scales, Doppler, reference. One page; status 1 if it cannot be navigated.",
+    )
+    check.add_argument("path", type=Path, help="folder of the recording")
+    check.add_argument(
+        "--set", action="append", default=[], metavar="data.KEY=VALUE", help="reader option"
+    )
+    check.add_argument("--json", action="store_true", help="print JSON instead of the page")
+    check.set_defaults(command="nav.check_command:check_recording")
+
+    declare = commands.add_parser(
+        "declare",
+        help="draft sequence.toml for your own files",
+        description="Look at the columns of your files and draft the declaration they need; what "
+        'only you can know is left as "?" with a comment.',
+    )
+    declare.add_argument("files", type=Path, nargs="+", metavar="FILE")
+    declare.add_argument(
+        "--out", type=Path, metavar="FILE", help="write it there, not to the screen"
+    )
+    declare.set_defaults(command="nav.data_commands:declare")
+
+    datasets = commands.add_parser(
+        "datasets",
+        help="list the GREAT sequences, or arrange downloaded archives",
+        description="Without arguments: what is known of the GREAT sequences, and where they are. "
+        "import: put downloaded archives into the layout `certnav run` reads.",
+    )
+    actions = datasets.add_subparsers(metavar="ACTION")
+    datasets.set_defaults(command="nav.data_commands:catalogue")
+    arrange = actions.add_parser("import", help="arrange downloaded archives")
+    arrange.add_argument("archives", type=Path, nargs="+", metavar="ZIP")
+    arrange.add_argument("--to", type=Path, required=True, metavar="DIR")
+    arrange.set_defaults(command="nav.data_commands:arrange")
+
     align = commands.add_parser(
         "align",
         help="find the attitude from Doppler and local velocity, window by window",
@@ -76,6 +124,12 @@ def _parser() -> argparse.ArgumentParser:
     align.add_argument("--json", action="store_true", help="print JSON instead of the table")
     align.add_argument("--plot", type=Path, metavar="FILE", help="draw headings and errors (PNG)")
     align.set_defaults(command="nav.align_command:align")
+
+    tune = commands.add_parser(
+        "tune", help="find screening thresholds, cross-validated", description=TUNE_DESCRIPTION
+    )
+    add_tuning_arguments(tune)
+    tune.set_defaults(command="nav.tuning_command:run")
 
     simulate = commands.add_parser(
         "simulate",

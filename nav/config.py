@@ -81,6 +81,8 @@ class FilterConfig:
     gate_patience : int
         After so many refusals in a row of one kind of update, the covariance is doubted
         instead: it is enlarged, tenfold at most, and the update tried again. 0: never.
+    smooth : bool
+        Fixed-interval smoothing after the run: every epoch knows all data.
     output_rate_hz : float
         Rate of ``solution.csv``; 0 writes every IMU sample.
     """
@@ -90,6 +92,7 @@ class FilterConfig:
     imu: str = ""
     gate_probability: float = 1e-4
     gate_patience: int = 10
+    smooth: bool = False
     output_rate_hz: float = 10.0
 
     def __post_init__(self) -> None:
@@ -117,6 +120,13 @@ class GnssConfig:
         carried ones if there are any.
     velocity : {'auto', 'doppler', 'carried', 'none'}
         Least squares from Doppler, or velocities the set carries; 'auto' prefers Doppler.
+    below_four : {'rows', 'ddia', 'off'}
+        What Doppler does where least squares has no velocity but two satellites are usable: each
+        satellite difference as a measurement, DDIA-VE's velocity, or nothing.
+    ddia_min_k : float
+        |SDV·RMD| below which DDIA-VE has no velocity.
+    ddia_min_cn0_dbhz : float
+        C/N0 that DDIA-VE asks of a satellite (the paper's screening).
     elevation_mask_deg : float
         Satellites below are not used.
     min_cn0_dbhz : float
@@ -137,6 +147,9 @@ class GnssConfig:
 
     position: str = "auto"
     velocity: str = "auto"
+    below_four: str = "rows"
+    ddia_min_k: float = 0.2
+    ddia_min_cn0_dbhz: float = 40.0
     elevation_mask_deg: float = 10.0
     min_cn0_dbhz: float = 35.0
     ionosphere: str = "broadcast"
@@ -151,11 +164,15 @@ class GnssConfig:
     def __post_init__(self) -> None:
         _choice("gnss.position", self.position, ("auto", "spp", "carried", "none"))
         _choice("gnss.velocity", self.velocity, ("auto", "doppler", "carried", "none"))
+        _choice("gnss.below_four", self.below_four, ("rows", "ddia", "off"))
         _choice("gnss.ionosphere", self.ionosphere, ("broadcast", "off"))
         _choice("gnss.troposphere", self.troposphere, ("saastamoinen", "off"))
         for name in ("code_sigma_m", "position_sigma_scale", "velocity_sigma_scale"):
             _positive(f"gnss.{name}", getattr(self, name))
-        for name in ("position_sigma_floor_m", "velocity_sigma_floor_mps", "min_cn0_dbhz"):
+        for name in (
+            "position_sigma_floor_m", "velocity_sigma_floor_mps", "min_cn0_dbhz", "ddia_min_k",
+            "ddia_min_cn0_dbhz",
+        ):  # fmt: skip
             _positive(f"gnss.{name}", getattr(self, name), zero=True)
         if not -90.0 <= self.elevation_mask_deg < 90.0:
             raise ConfigError(
@@ -164,12 +181,54 @@ class GnssConfig:
 
 
 @dataclass(frozen=True)
+class VehicleConfig:
+    """What is known of any road vehicle, whatever GNSS says.
+
+    Parameters
+    ----------
+    nhc : {'auto', 'on', 'off'}
+        No sideways and no vertical velocity at the rear axle. 'auto': where the mounting of the
+        IMU in the vehicle is declared; with an unknown one it does harm.
+    sigma_lateral_mps, sigma_vertical_mps : float
+        What tyres and springs allow all the same.
+    zupt, zaru : bool
+        No velocity, no rotation while the IMU shows a standstill.
+    sigma_zupt_mps : float
+    odometer : {'auto', 'on', 'off'}
+        Forward speed with a scale factor as a state; 'auto': where there is an odometer and the
+        mounting is declared.
+    sigma_odometer_mps : float
+    interval_s : float
+        Time between constraints.
+    """
+
+    nhc: str = "auto"
+    sigma_lateral_mps: float = 0.2
+    sigma_vertical_mps: float = 0.2
+    zupt: bool = True
+    zaru: bool = True
+    sigma_zupt_mps: float = 0.05
+    odometer: str = "off"
+    sigma_odometer_mps: float = 0.2
+    interval_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("nhc", "odometer"):
+            _choice(f"vehicle.{name}", getattr(self, name), ("auto", "on", "off"))
+        for name in (
+            "sigma_lateral_mps", "sigma_vertical_mps", "sigma_zupt_mps", "sigma_odometer_mps",
+            "interval_s",
+        ):  # fmt: skip
+            _positive(f"vehicle.{name}", getattr(self, name))
+
+
+@dataclass(frozen=True)
 class Config:
     """Everything in force during a run.
 
     Parameters
     ----------
-    alignment, filter, gnss
+    alignment, filter, gnss, vehicle
         See there.
     data : mapping
         Options of the reader, such as ``lever = "figure"``; the reader refuses unknown ones.
@@ -178,6 +237,7 @@ class Config:
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
     filter: FilterConfig = field(default_factory=FilterConfig)
     gnss: GnssConfig = field(default_factory=GnssConfig)
+    vehicle: VehicleConfig = field(default_factory=VehicleConfig)
     data: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -203,7 +263,12 @@ def _section(cls: type[T], table: Mapping[str, Any], where: str) -> T:
 
 def from_tables(tables: Mapping[str, Any]) -> Config:
     """Return the configuration given as nested tables; what is absent keeps its default."""
-    sections = {"alignment": AlignmentConfig, "filter": FilterConfig, "gnss": GnssConfig}
+    sections = {
+        "alignment": AlignmentConfig,
+        "filter": FilterConfig,
+        "gnss": GnssConfig,
+        "vehicle": VehicleConfig,
+    }
     parts: dict[str, Any] = {}
     for name, table in tables.items():
         if name not in (*sections, "data"):

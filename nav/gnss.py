@@ -18,6 +18,7 @@ from filters.errors import ConfigError
 from filters.rotation import FloatArray
 from nav.config import GnssConfig
 from nav.solution import Epochs
+from velocity.range_rate import DopplerRows
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +29,7 @@ class GnssEvent:
     ----------
     time : float
         GPS time it belongs to [s].
-    kind : {'position', 'velocity'}
+    kind : {'position', 'velocity', 'doppler'}
     value_e : ndarray, shape (3,)
         ECEF [m] or [m/s]; NaN when there is none.
     cov_e : ndarray, shape (3, 3)
@@ -37,6 +38,8 @@ class GnssEvent:
         Satellites behind it, where known.
     reason : str
         Why it cannot be used; '' when it can.
+    rows : DopplerRows, optional
+        Of kind 'doppler': the usable rows of an epoch without a least-squares velocity.
     """
 
     time: float
@@ -45,6 +48,7 @@ class GnssEvent:
     cov_e: FloatArray
     satellites: tuple[str, ...] = ()
     reason: str = ""
+    rows: DopplerRows | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,26 +250,29 @@ def _masked(
 def _doppler(
     observations: GnssObservations, where: _Whereabouts, config: GnssConfig
 ) -> tuple[list[GnssEvent], GnssObservations]:
-    """Return a least-squares velocity, or the reason for none, for every epoch.
+    """Return for every epoch a least-squares velocity, else its rows, else the reason.
 
-    Rows that its residual test excludes come back marked.
+    Rows that the residual test of least squares excludes come back marked.
     """
-    from velocity.least_squares import doppler_velocities, mark_rejected
+    from velocity.least_squares import doppler_velocity, mark_rejected
+    from velocity.range_rate import doppler_rows
 
-    velocities = doppler_velocities(observations, where.at(observations.time))
+    rows = doppler_rows(observations, where.at(observations.time))
     scale, floor = config.velocity_sigma_scale, config.velocity_sigma_floor_mps
-    offered = _satellites(observations, observations.has_range_rate)
-    events = [
-        GnssEvent(
-            where.true_time(found.time),
-            "velocity",
-            found.vel_e,
-            _sigma(found.cov_e, scale, floor),
-            found.satellites if found.ok else offered[found.time],
-            "" if found.ok else found.status,
-        )
-        for found in velocities
-    ]
+    events, velocities = [], []
+    for time, epoch in observations.epochs():
+        here = rows.take(slice(*np.searchsorted(rows.row, [epoch.start, epoch.stop])))
+        found = doppler_velocity(here, time)
+        velocities.append(found)
+        at = where.true_time(time)
+        if found.ok:
+            cov = _sigma(found.cov_e, scale, floor)
+            events.append(GnssEvent(at, "velocity", found.vel_e, cov, found.satellites))
+            continue
+        names = tuple(map(str, here.sat))
+        few = len(here) >= 2 and config.below_four != "off"
+        kind, reason = ("doppler", "") if few else ("velocity", found.status)
+        events.append(GnssEvent(at, kind, *_NOTHING, names, reason, here if few else None))
     return events, mark_rejected(observations, velocities)
 
 

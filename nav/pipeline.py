@@ -16,15 +16,19 @@ from alignment.initial import InitialAttitude, VelocityTrack, given_attitude, le
 from datasets.sequence import Sequence
 from filters import _kernels, measurements
 from filters.earth import OMEGA_IE_E, C_en_of
-from filters.ekf import ErrorStateFilter
+from filters.ekf import ErrorStateFilter, Outcome
 from filters.error_model import GYRO_BIAS, ErrorModel
 from filters.errors import AlignmentError, DataError
 from filters.rotation import FloatArray
 from filters.sensors import imu_preset
+from filters.smoother import smooth
 from filters.strapdown import InertialStream, NavState
 from nav.config import AlignmentConfig, Config
+from nav.doppler_update import apply_ddia, apply_rows
 from nav.gnss import GnssEvent, GnssTimeline, gnss_timeline
 from nav.solution import UPDATE_KINDS, AlignmentReport, Solution, Trajectory, Update
+from nav.vehicle import VehicleConstraints
+from velocity.range_rate import DopplerRows
 
 Progress = Callable[[float, str], None]
 
@@ -73,17 +77,24 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     spent_gnss = clock.perf_counter() - began
     stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
     spec = imu_preset(config.filter.imu) if config.filter.imu else sequence.calibration.imu
-    model = ErrorModel(spec, config.filter.states, config.filter.bias_model)
+    vehicle = VehicleConstraints(sequence, config.vehicle)
+    model = ErrorModel(
+        spec, config.filter.states, config.filter.bias_model, vehicle.odometer is not None
+    )
     report(0.0, "alignment")
     start = _align(sequence, stream, timeline, config.alignment, model)
     began = clock.perf_counter()
     kalman = _start_filter(sequence, stream, model, start, config)
-    updates = _filter(sequence, kalman, timeline, config, report)
+    updates = _filter(sequence, kalman, timeline, vehicle, config, report)
+    rows = kalman.rows
+    if kalman.tape is not None:
+        report(1.0, "smoother")
+        rows = smooth(kalman.tape, kalman.P)
     spent_filter = clock.perf_counter() - began
     attitude = start.attitude
     return Solution(
         name=sequence.name,
-        trajectory=trajectory_from_rows(kalman.rows),
+        trajectory=trajectory_from_rows(rows),
         updates=tuple(updates),
         alignment=AlignmentReport(
             "given" if attitude.method == "given" else "aligned", attitude.method, attitude.time,
@@ -174,13 +185,16 @@ def _start_filter(
         P[GYRO_BIAS, GYRO_BIAS] = np.eye(3) * attitude.sigma_gyro_bias**2
     rate = config.filter.output_rate_hz
     interval = 1.0 / rate if rate > 0 else 0.0
-    return ErrorStateFilter(model, stream, state, P, interval, attitude.gyro_bias)
+    return ErrorStateFilter(
+        model, stream, state, P, interval, attitude.gyro_bias, config.filter.smooth
+    )
 
 
 def _filter(
     sequence: Sequence,
     kalman: ErrorStateFilter,
     timeline: GnssTimeline,
+    vehicle: VehicleConstraints,
     config: Config,
     report: Progress,
 ) -> list[Update]:
@@ -188,9 +202,18 @@ def _filter(
     begin, end = kalman.time, kalman.stream.end
     updates: list[Update] = []
     refused = dict.fromkeys(UPDATE_KINDS, 0)
-    for number, event in enumerate(timeline.events):
-        if number % 50 == 0:
+    constraint_times = iter([*vehicle.times(begin, end), float("inf")])
+    next_constraint = next(constraint_times)
+    for number, event in enumerate([*timeline.events, None]):
+        if number % 50 == 0 and event is not None:
             report(min(max((event.time - begin) / (end - begin), 0.0), 1.0), "filter")
+        until = end if event is None else min(event.time, end)
+        while next_constraint < until:
+            kalman.propagate(next_constraint)
+            updates += _constrain(kalman, vehicle, config)
+            next_constraint = next(constraint_times)
+        if event is None:
+            break
         why = event.reason
         if event.time <= begin:
             why = why or "before alignment"
@@ -215,30 +238,68 @@ def _filter(
     return updates
 
 
+def _constrain(
+    kalman: ErrorStateFilter, vehicle: VehicleConstraints, config: Config
+) -> list[Update]:
+    """Offer the vehicle constraints that hold now."""
+    return [
+        _update(kalman.time, kind, (), kalman.update(m, config.filter.gate_probability))
+        for kind, m in vehicle.offered(kalman)
+    ]
+
+
+def _update(
+    time: float, kind: str, satellites: tuple[str, ...], outcome: Outcome, reason: str = ""
+) -> Update:
+    if not outcome.accepted and not reason:
+        reason = f"innovation test (NIS > {outcome.limit:.1f})"
+    whitened = tuple(map(float, outcome.whitened))
+    return Update(time, kind, satellites, whitened, outcome.nis, outcome.accepted, reason)
+
+
 def _apply(
     sequence: Sequence, kalman: ErrorStateFilter, event: GnssEvent, config: Config, insist: bool
 ) -> Update:
     """Offer one event to the filter; with `insist`, enlarge the covariance until it fits."""
-    calibration, states = sequence.calibration, kalman.model.states
-    lever = calibration.lever_antenna_b
+    calibration, n = sequence.calibration, kalman.model.size
+    lever, gate = calibration.lever_antenna_b, config.filter.gate_probability
+    if event.rows is not None:
+        return _apply_doppler(sequence, kalman, event, event.rows, config)
     if event.kind == "position":
         cov = event.cov_e + np.eye(3) * calibration.lever_antenna_sigma**2
-        m = measurements.position(kalman.state, states, event.value_e, cov, lever)
+        m = measurements.position(kalman.state, n, event.value_e, cov, lever)
     else:
         m = measurements.velocity(
-            kalman.state, states, event.value_e, event.cov_e, lever, kalman.omega_b
+            kalman.state, n, event.value_e, event.cov_e, lever, kalman.omega_b
         )
-    outcome = kalman.update(m, config.filter.gate_probability)
-    reason = "" if outcome.accepted else f"innovation test (NIS > {outcome.limit:.1f})"
+    outcome, reason = kalman.update(m, gate), ""
     if insist and not outcome.accepted:
         kalman.enlarge(m)
-        if kalman.update(m, config.filter.gate_probability).accepted:
+        if kalman.update(m, gate).accepted:
             outcome = dataclasses.replace(outcome, accepted=True)
             reason = "covariance enlarged after repeated refusal"
-    return Update(
-        event.time, event.kind, event.satellites, tuple(map(float, outcome.whitened)),
-        outcome.nis, outcome.accepted, reason,
-    )  # fmt: skip
+    return _update(event.time, event.kind, event.satellites, outcome, reason)
+
+
+def _apply_doppler(
+    sequence: Sequence,
+    kalman: ErrorStateFilter,
+    event: GnssEvent,
+    rows: DopplerRows,
+    config: Config,
+) -> Update:
+    """Offer Doppler of an epoch without a least-squares velocity."""
+    gate = config.filter.gate_probability
+    outcome: Outcome | None
+    if config.gnss.below_four == "rows":
+        outcome, names, reason = apply_rows(kalman, sequence.calibration, rows, gate)
+    else:
+        outcome, names, reason = apply_ddia(
+            kalman, sequence.calibration, rows, event.time, config.gnss, gate
+        )
+    if outcome is None:
+        return Update(event.time, event.kind, names, reason=reason)
+    return _update(event.time, event.kind, names, outcome, reason)
 
 
 def trajectory_from_rows(rows: FloatArray) -> Trajectory:

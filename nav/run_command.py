@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import time
 from pathlib import Path
 
 from datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
 from datasets.load import load
 from datasets.sequence import Sequence
+from filters.errors import DataError
+from nav.check import check_sequence
 from nav.config import Config, load_config, to_toml
 from nav.evaluation import Evaluation, evaluate
 from nav.formats import parse_formats
@@ -25,7 +28,10 @@ def run(arguments: argparse.Namespace) -> None:
     """Navigate a recording."""
     config = load_config(arguments.config, arguments.set)
     formats = parse_formats(arguments.format)
-    navigate_folder(arguments.path, config, arguments.out, formats, arguments.start, arguments.end)
+    navigate_folder(
+        arguments.path, config, arguments.out, formats, arguments.start, arguments.end,
+        checked=not arguments.unchecked,
+    )  # fmt: skip
 
 
 def demo(arguments: argparse.Namespace) -> None:
@@ -48,8 +54,9 @@ def navigate_folder(
     formats: tuple[str, ...] = (),
     start: float | None = None,
     end: float | None = None,
+    checked: bool = True,
 ) -> Path:
-    """Load, navigate, evaluate, write the result directory, and print the summary."""
+    """Load, check, navigate, evaluate, write the result directory, and print the summary."""
     began = time.perf_counter()
     if out is not None:
         check_replaceable(out)
@@ -58,6 +65,8 @@ def navigate_folder(
         sequence = cut(load(path, **config.data), start, end)
         out = Path("results") / sequence.name if out is None else out
         check_replaceable(out)
+        if checked:
+            sequence = _checked(sequence, config)
         read = time.perf_counter() - began
         solution = navigate(sequence, config, report)
         report(1.0, "evaluation and report")
@@ -66,6 +75,18 @@ def navigate_folder(
         write_result(out, solution, evaluation, sequence, to_toml(config), formats)
     _print_summary(solution, evaluation, sequence, out)
     return out
+
+
+def _checked(sequence: Sequence, config: Config) -> Sequence:
+    """Return the sequence with what is doubtful added to its notes; refuse what is fatal."""
+    findings = check_sequence(sequence, config.gnss)
+    for finding in findings:
+        if finding.severity == "fatal":
+            raise DataError(
+                f"{sequence.name}: {finding.subject}: {finding.found}", remedy=finding.remedy
+            )
+    doubtful = [f"doubtful: {f.subject}: {f.found}" for f in findings if f.severity == "doubtful"]
+    return dataclasses.replace(sequence, notes=(*sequence.notes, *doubtful))
 
 
 def cut(sequence: Sequence, start: float | None, end: float | None) -> Sequence:

@@ -9,7 +9,7 @@ import numpy as np
 from filters.rotation import FloatArray
 
 #: Kinds of update the pipeline offers to the filter.
-UPDATE_KINDS = ("position", "velocity")
+UPDATE_KINDS = ("position", "velocity", "doppler", "nhc", "zupt", "zaru", "odometer")
 
 
 @dataclass(frozen=True, eq=False)

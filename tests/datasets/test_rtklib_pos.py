@@ -95,6 +95,56 @@ def test_utc_gets_the_leap_seconds_of_its_day(tmp_path, year, leap):
     assert utc - gpst == leap
 
 
+@pytest.mark.parametrize("south", [False, True])
+def test_degrees_minutes_seconds_are_the_same_place(tmp_path, south):
+    """Half a degree from the equator: the sign stands before a zero."""
+    lat, lon = (-0.5050123 if south else 0.5050123), -105.1474483
+
+    def dms(angle):
+        whole, rest = divmod(abs(angle), 1.0)
+        minutes, seconds = divmod(rest * 60.0, 1.0)
+        return f"{'-' if angle < 0 else ''}{whole:.0f} {minutes:02.0f} {seconds * 60.0:09.6f}"
+
+    header = GEODETIC.replace("(deg)", "(d'\")")
+    rest = VALUES.split(" ", 2)[2]
+    stamp = "2025/07/08 19:34:18.499"
+    a = read_pos(write(tmp_path, GEODETIC, f"{stamp} {lat} {lon} {rest}"))
+    b = read_pos(write(tmp_path, header, f"{stamp} {dms(lat)} {dms(lon)} {rest}"))
+    np.testing.assert_allclose(a.pos_e, b.pos_e, atol=1e-4)
+    np.testing.assert_allclose(a.pos_cov_e, b.pos_cov_e, atol=1e-7)
+    with pytest.raises(DataError, match=r"rover\.pos:2: latitude: .*found 61"):
+        read_pos(write(tmp_path, header, f"{stamp} 0 61 00.0 {dms(lon)} {rest}"))
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_field_separators(tmp_path, separator):
+    stamp, values = "2025/07/08 19:34:18.499", VALUES.split()
+    plain = read_pos(write(tmp_path, GEODETIC, f"{stamp} {VALUES}"))
+    header = "%  GPST" + separator + separator.join(GEODETIC.split()[2:])
+    found = read_pos(write(tmp_path, header, separator.join([stamp, *values])))
+    np.testing.assert_array_equal(found.pos_e, plain.pos_e)
+    np.testing.assert_array_equal(found.vel_cov_e, plain.vel_cov_e)
+
+
+def test_ecef_position_with_velocity_north_east_up_and_the_other_way_round(tmp_path):
+    """Velocity axes follow their own columns, not those of the position."""
+    stamp = "2025/07/08 19:34:18.499"
+    plain = read_pos(write(tmp_path, GEODETIC, f"{stamp} {VALUES}"))
+    x = " ".join(f"{v:.9f}" for v in plain.pos_e[0])
+    header = ECEF.split(" vx")[0] + " vn(m/s) ve(m/s) vu(m/s) sdvn sdve sdvu sdvne sdveu sdvun"
+    velocity = " ".join(VALUES.split()[-9:])
+    mixed = read_pos(write(tmp_path, header, f"{stamp} {x} 2 21 3 4 5 1 1 1 0 3 {velocity}"))
+    np.testing.assert_allclose(mixed.vel_e, plain.vel_e, atol=1e-9)
+    np.testing.assert_allclose(mixed.vel_cov_e, plain.vel_cov_e, atol=1e-9)
+
+    header = GEODETIC.split(" vn")[0] + " vx(m/s) vy(m/s) vz(m/s) sdvx sdvy sdvz sdvxy sdvyz sdvzx"
+    vel = " ".join(f"{v:.12f}" for v in plain.vel_e[0])
+    position = " ".join(VALUES.split()[:-9])
+    mixed = read_pos(write(tmp_path, header, f"{stamp} {position} {vel} 1 1 1 0 0 0"))
+    np.testing.assert_allclose(mixed.vel_e, plain.vel_e, atol=1e-9)
+    np.testing.assert_array_equal(mixed.vel_cov_e[0], np.eye(3))
+
+
 def test_position_only(tmp_path):
     header = " ".join(GEODETIC.split()[:14])
     values = " ".join(VALUES.split()[:13])
@@ -108,7 +158,8 @@ def test_position_only(tmp_path):
     ("header", "message"),
     [
         (GEODETIC.replace("GPST", "JST"), "expected GPST or UTC, found JST"),
-        (GEODETIC.replace("latitude(deg)", "latitude(d'\")"), "degform=deg"),
+        (GEODETIC.replace("latitude(deg)", "latitude(d'\")"), "expected latitude"),
+        (GEODETIC.replace("vu(m/s)", "vz(m/s)"), "expected vn ve vu or vx vy vz"),
         (
             GEODETIC.replace("latitude(deg) longitude(deg) height(m)", "e-baseline(m) n-b u-b"),
             "llh",

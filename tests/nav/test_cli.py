@@ -178,6 +178,47 @@ def test_a_foreign_directory_is_not_overwritten(drive, tmp_path, capsys):
     assert (tmp_path / "thesis.tex").read_text() == "years of work"
 
 
+def test_check_says_so_and_exits_by_it(drive, copy, capsys):
+    assert main(["check", str(drive)]) == 0
+    assert "can be navigated" in capsys.readouterr().out
+    edit_imu(copy, lambda rows: scaled(rows, [4, 5, 6], 1 / 9.80665))
+    assert main(["check", str(copy), "--json"]) == 1
+    report = json.loads(capsys.readouterr().out)
+    assert not report["navigable"]
+    assert any("g" in f["found"] for f in report["findings"] if f["severity"] == "fatal")
+
+
+def test_run_stops_at_what_check_finds_fatal_unless_told_not_to(copy, tmp_path, capsys):
+    """The IMU's clock is 18 s off: readable, overlapping, and wrong."""
+    edit_imu(copy, lambda rows: [shift(row, 18.0) for row in rows])
+    out = tmp_path / "result"
+    line = refuse(capsys, "run", copy, "--out", out)
+    assert "18.0" in line and "leap seconds" in line
+    assert not out.exists()
+
+
+def test_declare_drafts_and_does_not_overwrite(tmp_path, capsys):
+    table = tmp_path / "imu.csv"
+    rows = np.column_stack(
+        [np.arange(400) * 0.01, np.zeros((400, 3)), np.zeros((400, 2)), np.full(400, 9.81)]
+    )
+    np.savetxt(table, rows, delimiter=",", header="t,gx,gy,gz,ax,ay,az", comments="")
+    out = tmp_path / "sequence.toml"
+    assert main(["declare", str(table), "--out", str(out)]) == 0
+    assert "blanks left" in capsys.readouterr().out
+    assert "[imu]" in out.read_text()
+    assert "exists already" in refuse(capsys, "declare", table, "--out", out)
+    line = refuse(capsys, "run", tmp_path)
+    assert "sequence.toml:" in line and "time_scale" in line
+
+
+def test_datasets_lists_the_eight_sequences(capsys):
+    assert main(["datasets"]) == 0
+    printed = capsys.readouterr().out
+    for name in ("campus-01", "campus-night", "suburb-02", "urban-02"):
+        assert name in printed
+
+
 def test_simulate_and_refusal_to_overwrite(tmp_path, capsys):
     out = tmp_path / "drive"
     arguments = ["simulate", "--out", str(out), "--duration", "30", "--density", "open"]

@@ -31,8 +31,11 @@ def carried_drive(seed=0, sigma_pos=0.5, sigma_vel=0.05, noise=True, duration=20
     )
 
 
+NO_CONSTRAINTS = {"nhc": "off", "zupt": False, "zaru": False, "odometer": "off"}
+
+
 def config_with(**tables):
-    return from_tables({"filter": {"output_rate_hz": 10.0}, **tables})
+    return from_tables({"vehicle": NO_CONSTRAINTS, **tables})
 
 
 def test_exact_data_give_the_exact_track():

@@ -1,0 +1,124 @@
+"""`certnav align`: headings of sliding windows as a table, as JSON, and as a picture."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+from datasets.load import load
+from nav.alignment_windows import WindowOptions, WindowResult, align_windows, summary
+from nav.summary import strict
+
+# Okabe–Ito.
+_BLUE, _ORANGE, _GREY = "#0072B2", "#D55E00", "#999999"
+
+
+def align(arguments: argparse.Namespace) -> None:
+    """Align every window of a recording and report."""
+    options = WindowOptions(
+        window=arguments.window,
+        step=arguments.step,
+        method=arguments.method,
+        clock=arguments.clock,
+        satellites=arguments.satellites,
+        labels=arguments.rows,
+        decimate=arguments.decimate,
+    )
+    sequence = load(arguments.path)
+    results = align_windows(sequence, options)
+    if arguments.plot is not None:
+        draw(results, options, sequence.name, arguments.plot)
+    if arguments.json:
+        print(json.dumps(strict(as_dict(sequence.name, options, results)), indent=2))
+    else:
+        print(table(sequence.name, options, results))
+
+
+def as_dict(name: str, options: WindowOptions, results: list[WindowResult]) -> dict:
+    """Return everything the table says, angles in degrees."""
+    windows = [
+        {
+            "start_s": r.start,
+            "epochs": r.epochs,
+            "rows": r.rows,
+            "satellites": r.satellites,
+            "status": r.status,
+            "heading_deg": math.degrees(r.heading) % 360.0,
+            "sigma_heading_deg": math.degrees(r.sigma_heading),
+            "error_deg": math.degrees(r.error),
+            "chi2_per_dof": r.chi2_per_dof,
+            "message": r.message,
+        }
+        for r in results
+    ]
+    return {
+        "name": name,
+        "method": options.method,
+        "window_s": options.window,
+        "summary": summary(results),
+        "windows": windows,
+    }
+
+
+def table(name: str, options: WindowOptions, results: list[WindowResult]) -> str:
+    """Return the windows as text."""
+    start = results[0].start
+    lines = [
+        f"{name}: {options.method}, windows of {options.window:g} s every {options.step:g} s, "
+        f"clock {options.clock}",
+        "   from  epochs  rows  sats  heading [deg]      σ   error  χ²/dof  status",
+    ]
+    for r in results:
+        lines.append(
+            f"{r.start - start:6.1f} s {r.epochs:6d} {r.rows:6d} {_cell(r.satellites, 5, 1)} "
+            f"{_cell(math.degrees(r.heading) % 360.0, 13, 2)} "
+            f"{_cell(math.degrees(r.sigma_heading), 6, 2)} {_cell(math.degrees(r.error), 7, 2)} "
+            f"{_cell(r.chi2_per_dof, 7, 1)}  {r.message or r.status}"
+        )
+    s = summary(results)
+    lines.append(
+        f"heading error over {s['windows']} windows: mean |error| {s['mae_deg']:.2f}°, standard "
+        f"deviation {s['std_deg']:.2f}°, largest {s['max_deg']:.2f}°; certified {s['certified']}"
+    )
+    if any(r.status == "CERTIFIED" and r.chi2_per_dof > 3.0 for r in results):
+        lines.append(
+            "certified says that no other rotation fits these rows better, not that the rows are "
+            "right: χ²/dof far above 1 means outliers or a clock the model does not follow"
+        )
+    return "\n".join(lines)
+
+
+def _cell(value: float, width: int, digits: int) -> str:
+    return f"{value:{width}.{digits}f}" if math.isfinite(value) else f"{'–':>{width}}"
+
+
+def draw(results: list[WindowResult], options: WindowOptions, name: str, path: Path) -> None:
+    """Draw heading and heading error of the windows over time."""
+    from matplotlib.figure import Figure
+
+    t = np.array([r.start for r in results]) - results[0].start
+    heading = np.degrees([r.heading for r in results])
+    error = np.degrees([r.error for r in results])
+    bound = 3.0 * np.degrees([r.sigma_heading for r in results])
+    sure = np.array([r.status == "CERTIFIED" for r in results])
+    figure = Figure(figsize=(9.0, 5.0), layout="constrained", dpi=150)
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    top.plot(t, (heading - error) % 360.0, "s", color=_GREY, mfc="none", ms=8, label="reference")
+    top.plot(t, heading % 360.0, "o", color=_BLUE, ms=5, label=options.method)
+    top.set(ylabel="heading [deg]", title=f"{name}: windows of {options.window:g} s")
+    top.legend(frameon=False)
+    known = np.isfinite(bound)
+    bottom.errorbar(t[known], error[known], bound[known], fmt="none", color=_BLUE, capsize=3)
+    bottom.plot(t[sure], error[sure], "o", color=_BLUE, label="certified (bars: 3σ claimed)")
+    bottom.plot(t[~sure], error[~sure], "x", color=_ORANGE, label="nothing proved")
+    bottom.axhline(0.0, color="black", lw=0.8)
+    bottom.set(ylabel="heading error [deg]", xlabel="begin of the window [s]")
+    bottom.legend(frameon=False)
+    for axes in (top, bottom):
+        axes.grid(alpha=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path)

@@ -1,0 +1,277 @@
+"""Alignment over sliding windows of a recording, and its heading against the reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.baselines import gauss_newton, voba
+from alignment.certifiable import align_sdp, attitude_covariance
+from alignment.local_velocity import LocalTrack, inertial_track, planar_track
+from alignment.problem import AlignmentRows, ClockModel, build_problem
+from datasets.sequence import GnssObservations, Sequence
+from filters.earth import C_en_of
+from filters.errors import AlignmentError, ConfigError
+from filters.rotation import FloatArray, wrap_angle
+from filters.strapdown import InertialStream
+from velocity.range_rate import doppler_rows, with_elevation
+
+METHODS = ("sdp", "voba", "gauss-newton")
+
+
+@dataclass(frozen=True)
+class WindowOptions:
+    """How a recording is cut into windows and what is kept of it.
+
+    Parameters
+    ----------
+    window, step : float
+        Length of a window and distance between their beginnings [s].
+    method : {'sdp', 'voba', 'gauss-newton'}
+        'gauss-newton' starts from the identity, as in Song et al.'s Table III.
+    clock : {'constant', 'linear', 'per-epoch'}
+        Model of the receiver's clock drift within a window.
+    satellites : float, optional
+        Keep this many satellites per epoch, drawn at random; a fraction is the average.
+        Default: all.
+    labels : {'all', 'los'}
+        'los' drops rows labelled as not in line of sight, where the recording has labels.
+    decimate : int
+        Keep every so-manieth epoch.
+    elevation_mask_deg : float
+    seed : int
+        For drawing satellites.
+    """
+
+    window: float = 15.0
+    step: float = 5.0
+    method: str = "sdp"
+    clock: str = "linear"
+    satellites: float | None = None
+    labels: str = "all"
+    decimate: int = 1
+    elevation_mask_deg: float = 10.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise ConfigError.unknown_key(self.method, METHODS, where="--method")
+        if self.labels not in ("all", "los"):
+            raise ConfigError(f"--rows: expected 'all' or 'los', found '{self.labels}'")
+        if not (self.window > 0.0 and self.step > 0.0 and self.decimate >= 1):
+            raise ConfigError("expected window > 0 s, step > 0 s and decimate ≥ 1")
+        if self.satellites is not None and not self.satellites >= 1.0:
+            raise ConfigError(f"--satellites: expected at least 1, found {self.satellites:g}")
+
+
+@dataclass(frozen=True)
+class WindowResult:
+    """One window: the heading of the vehicle at its beginning, and what is known about it.
+
+    Parameters
+    ----------
+    start : float
+        GPS time [s].
+    epochs, rows : int
+    satellites : float
+        Mean per epoch.
+    status : str
+        Name of the alignment status; 'BASELINE' for methods that prove nothing, 'FAILED'.
+    heading, sigma_heading : float
+        [rad]; NaN where there is none.
+    error : float
+        Heading − reference [rad]; NaN without a reference.
+    chi2_per_dof : float
+    message : str
+    """
+
+    start: float
+    epochs: int
+    rows: int
+    satellites: float
+    status: str
+    heading: float
+    sigma_heading: float
+    error: float
+    chi2_per_dof: float
+    message: str = ""
+
+
+def align_windows(sequence: Sequence, options: WindowOptions) -> list[WindowResult]:
+    """Align every window of `sequence`.
+
+    Raises
+    ------
+    AlignmentError
+        If the recording has no raw Doppler, no odometer, or no window that both cover.
+    """
+    observations, pos_e = _prepared(sequence, options)
+    first, last = float(observations.time[0]), float(observations.time[-1])
+    if sequence.odometer is None:
+        raise AlignmentError(
+            f"{sequence.name}: no odometer, so no local velocity — alignment from an IMU alone "
+            "needs the unknown start velocity as a nuisance, which is not built yet"
+        )
+    first = max(first, float(sequence.odometer.time[0]))
+    last = min(last, float(sequence.odometer.time[-1]))
+    if sequence.imu is not None and sequence.odometer.yaw_rate is None:
+        first = max(first, float(sequence.imu.time[0]))
+        last = min(last, float(sequence.imu.time[-1]))
+    count = int(np.floor((last - first - options.window) / options.step + 1e-9)) + 1
+    if count < 1:
+        raise AlignmentError(
+            f"{sequence.name}: Doppler and odometer share {max(last - first, 0.0):.1f} s, less "
+            f"than one window of {options.window:g} s"
+        )
+    return [
+        align_window(sequence, observations, pos_e, first + k * options.step, options)
+        for k in range(count)
+    ]
+
+
+def align_window(
+    sequence: Sequence,
+    observations: GnssObservations,
+    pos_e: FloatArray,
+    start: float,
+    options: WindowOptions,
+) -> WindowResult:
+    """Align the window that begins at `start`; whatever goes wrong is in the result."""
+    end = start + options.window
+    inside = (observations.time >= start) & (observations.time <= end)
+    part = observations.take(inside)
+    nan = float("nan")
+    try:
+        track = local_track(sequence, start, end)
+        rows = alignment_rows(part, pos_e[inside], track)
+    except AlignmentError as error:
+        return WindowResult(start, 0, len(part), nan, "FAILED", nan, nan, nan, nan, str(error))
+    epochs = int(np.unique(rows.epoch).size)
+    mean = len(rows) / epochs if epochs else nan
+    try:
+        status, C_ew, sigma, chi2 = _solve(rows, options)
+    except AlignmentError as error:
+        return WindowResult(
+            start, epochs, len(rows), mean, "FAILED", nan, nan, nan, nan, str(error)
+        )
+    C_nw = C_en_of(pos_e[inside][0]).T @ C_ew
+    heading = float(np.arctan2(C_nw[1, 0], C_nw[0, 0]))
+    error_rad = float(wrap_angle(heading - _reference_heading(sequence, start)))
+    return WindowResult(start, epochs, len(rows), mean, status, heading, sigma, error_rad, chi2)
+
+
+def local_track(sequence: Sequence, start: float, end: float) -> LocalTrack:
+    """Return the local velocity of a window: gyros where there is no yaw rate."""
+    odometer, calibration = sequence.odometer, sequence.calibration
+    if odometer is None:
+        raise AlignmentError(f"{sequence.name}: no odometer, so no local velocity")
+    C_vb = calibration.C_bv.T
+    lever_v = C_vb @ (calibration.lever_antenna_b - calibration.lever_vehicle_b)
+    if odometer.yaw_rate is not None:
+        return planar_track(odometer.time, odometer.speed, odometer.yaw_rate, start, end, lever_v)
+    imu = sequence.inertial
+    stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
+    return inertial_track(
+        stream, odometer.time, odometer.speed, start, end, calibration.C_bv, lever_v=lever_v
+    )
+
+
+def alignment_rows(
+    observations: GnssObservations, pos_e: FloatArray, track: LocalTrack
+) -> AlignmentRows:
+    """Pair the Doppler of a window with the local velocity at the same instants."""
+    doppler = doppler_rows(observations, pos_e)
+    time = observations.time[doppler.row]
+    _, epoch = np.unique(time, return_inverse=True)
+    return AlignmentRows(
+        doppler.e_e, track.velocity_at(time), doppler.z, doppler.sigma, epoch, time
+    )
+
+
+def _solve(rows: AlignmentRows, options: WindowOptions) -> tuple[str, FloatArray, float, float]:
+    """Return status, C_ew, heading σ and χ²/dof of a window."""
+    nan = float("nan")
+    if options.method == "voba":
+        return "BASELINE", voba(rows).C_ew, nan, nan
+    problem = build_problem(rows, ClockModel(options.clock))
+    if options.method == "gauss-newton":
+        found = gauss_newton(problem)
+        chi2 = problem.cost(found.C_ew) / problem.dof if problem.dof > 0 else nan
+        return "BASELINE" if found.converged else "NOT_CONVERGED", found.C_ew, nan, chi2
+    result = align_sdp(problem)
+    chi2 = result.cost / result.dof if result.dof > 0 else nan
+    # θ is in w axes; its down component there is the heading's error on level ground.
+    covariance = attitude_covariance(result.solution.minimum)
+    return result.status.name, result.C_ew, float(np.sqrt(covariance[2, 2])), chi2
+
+
+def _prepared(sequence: Sequence, options: WindowOptions) -> tuple[GnssObservations, FloatArray]:
+    """Return the screened and thinned observations with their approximate positions."""
+    if sequence.observations is None or not sequence.observations.has_range_rate.any():
+        raise AlignmentError(f"{sequence.name}: no raw Doppler with satellite states to align with")
+    observations = sequence.observations
+    pos_e = _whereabouts(sequence, observations.time)
+    observations = with_elevation(observations, pos_e)
+    low = observations.elevation < np.radians(options.elevation_mask_deg)
+    observations = observations.mark(low, "below elevation mask")
+    if options.labels == "los":
+        observations = observations.mark(observations.label == "nlos", "labelled as reflected")
+    keep = observations.has_range_rate & _kept(observations, options)
+    return observations.take(keep), pos_e[keep]
+
+
+def _whereabouts(sequence: Sequence, time: FloatArray) -> FloatArray:
+    """Return approximate antenna positions: the receiver's own, else the reference's."""
+    source = sequence.fixes if sequence.fixes is not None else sequence.reference
+    if source is None:
+        raise AlignmentError(
+            f"{sequence.name}: no position to compute lines of sight from — a kilometre would do"
+        )
+    return np.column_stack([np.interp(time, source.time, x) for x in source.pos_e.T])
+
+
+def _kept(observations: GnssObservations, options: WindowOptions) -> NDArray[np.bool_]:
+    """Return the rows left by decimation and by drawing satellites."""
+    rng = np.random.default_rng(options.seed)
+    keep = np.zeros(len(observations), dtype=bool)
+    usable = observations.has_range_rate
+    for number, (_, rows) in enumerate(observations.epochs()):
+        here = np.flatnonzero(usable[rows]) + rows.start
+        if number % options.decimate or not here.size:
+            continue
+        if options.satellites is not None:
+            whole, fraction = divmod(options.satellites, 1.0)
+            spread = rng.integers(-1, 2) if options.satellites == 2.0 else 0
+            n = int(whole) + int(rng.random() < fraction) + int(spread)
+            here = rng.permutation(here)[: max(n, 1)]
+        keep[here] = True
+    return keep
+
+
+def _reference_heading(sequence: Sequence, time: float) -> float:
+    """Return the vehicle's heading by the reference [rad], NaN where it has none."""
+    reference = sequence.reference
+    if reference is None or not reference.time[0] <= time <= reference.time[-1]:
+        return float("nan")
+    known = np.isfinite(reference.rpy[:, 2])
+    if known.sum() < 2:
+        return float("nan")
+    unwrapped = np.unwrap(reference.rpy[known, 2])
+    return float(np.interp(time, reference.time[known], unwrapped))
+
+
+def summary(results: list[WindowResult]) -> dict[str, float | int]:
+    """Return count, certified share, and MAE, STD and MAX of the heading error [deg]."""
+    error = np.degrees([r.error for r in results if np.isfinite(r.error)])
+    solved = sum(np.isfinite(r.heading) for r in results)
+    nothing = float("nan")
+    return {
+        "windows": len(results),
+        "solved": int(solved),
+        "certified": sum(r.status == "CERTIFIED" for r in results),
+        "mae_deg": float(np.mean(np.abs(error))) if error.size else nothing,
+        "std_deg": float(np.std(error)) if error.size else nothing,
+        "max_deg": float(np.max(np.abs(error))) if error.size else nothing,
+    }

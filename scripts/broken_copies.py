@@ -1,0 +1,539 @@
+"""Break recordings on purpose, let ``certnav check`` look at them, and print what it said.
+
+    python scripts/broken_copies.py                       # prints the table
+    python scripts/broken_copies.py --out docs/check.md   # writes the page
+
+Bases are a simulated drive in the GREAT layout and real ones from CERTNAV_DATA. Every copy is
+made in a temporary folder. The status is 1 if a sound recording raises an alarm, or a fault is
+not named that could be.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from datasets.great_writer import simulate_folder, write_reference
+from datasets.load import load
+from datasets.simulator import SimulationConfig
+from filters.earth import C_en_of
+from nav.check import check
+from nav.findings import Report
+
+ROOT = Path(__file__).resolve().parents[1]
+DATA = Path(os.environ.get("CERTNAV_DATA", ROOT.parent / "shared" / "data"))
+#: Real recordings by the name used in the table, as folders of CERTNAV_DATA.
+REAL = {
+    "comma2k19": "comma2k19-example1",
+    "rtklibexplorer": "rtklibexplorer-drive",
+    "Oakville figure 8": "oakville-drives/parking-lot-figure8-nominal-001",
+    "Oakville long": "oakville-drives/urban-long-turn-loop-nominal-001",
+    "Oakville": "oakville-drives/urban-medium-turn-loop-nominal-001",
+    "Spirent": "instinct/spirent_dynamic",
+}
+SIMULATED = "simulated GREAT"
+COMMAND = "python scripts/broken_copies.py --out docs/check.md"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One way to break a recording.
+
+    Parameters
+    ----------
+    name : str
+        What was done to it.
+    base : str
+        The recording it is done to.
+    breaks : callable
+        Does it to a folder.
+    expected : str
+        Regular expression that a fatal or doubtful finding has to match; '' if none can.
+    undetectable : str
+        Why not.
+    """
+
+    name: str
+    base: str
+    breaks: Callable[[Path], None]
+    expected: str
+    undetectable: str = ""
+
+
+# --- the simulated drive -------------------------------------------------------------------
+
+
+def simulate_base(folder: Path, duration: float = 300.0) -> Path:
+    """Simulate the drive most faults are done to."""
+    config = SimulationConfig(name="base", seed=3, duration=duration, density="suburb")
+    return simulate_folder(config, folder)
+
+
+def _imu(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Path], None]:
+    """Return a fault that changes the rows ``sow gx gy gz ax ay az``."""
+
+    def breaks(folder: Path) -> None:
+        file = folder / "IMU" / "MEMS_imu_data.txt"
+        rows = change(np.loadtxt(file, skiprows=1))
+        np.savetxt(file, rows, fmt=["%.5f", *6 * ["%.8f"]], header="Time", comments="")
+
+    return breaks
+
+
+def _scaled(columns: slice, factor: float) -> Callable[[np.ndarray], np.ndarray]:
+    def change(rows: np.ndarray) -> np.ndarray:
+        rows[:, columns] *= factor
+        return rows
+
+    return change
+
+
+def _later(seconds: float) -> Callable[[np.ndarray], np.ndarray]:
+    def change(rows: np.ndarray) -> np.ndarray:
+        rows[:, 0] += seconds
+        return rows
+
+    return change
+
+
+def _order(columns: list[int], signs: list[int]) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a change of both triads: new x, y, z are the old ones of this order and sign."""
+    index = np.array([0, *(1 + c for c in columns), *(4 + c for c in columns)])
+    sign = np.array([1, *signs, *signs])
+    return lambda rows: rows[:, index] * sign
+
+
+def _swapped_gyros(rows: np.ndarray) -> np.ndarray:
+    rows[:, [1, 2]] = rows[:, [2, 1]]
+    return rows
+
+
+def _nan(rows: np.ndarray) -> np.ndarray:
+    rows[12345, 5] = np.nan
+    return rows
+
+
+def _backwards(rows: np.ndarray) -> np.ndarray:
+    rows[[8000, 8001], 0] = rows[[8001, 8000], 0]
+    return rows
+
+
+def _duplicated(rows: np.ndarray) -> np.ndarray:
+    return np.insert(rows, 5000, rows[5000:5010], axis=0)
+
+
+def _frozen(rows: np.ndarray) -> np.ndarray:
+    rows[15000:15800, 1:4] = rows[15000, 1:4]
+    return rows
+
+
+def _clipped(rows: np.ndarray) -> np.ndarray:
+    rows[:, 4:6] = np.clip(rows[:, 4:6], -1.2, 1.2)
+    return rows
+
+
+def _gap(rows: np.ndarray) -> np.ndarray:
+    return np.delete(rows, slice(12000, 14000), axis=0)
+
+
+def _rinex(change: Callable[[str], str]) -> Callable[[Path], None]:
+    """Return a fault that changes the satellite lines of the observation file."""
+
+    def breaks(folder: Path) -> None:
+        file = next((folder / "GNSS" / "Rover").iterdir())
+        lines = file.read_text().splitlines()
+        lines = [change(line) if re.match(r"G\d\d ", line) else line for line in lines]
+        file.write_text("\n".join(lines) + "\n")
+
+    return breaks
+
+
+def _mirrored_doppler(line: str) -> str:
+    return f"{line[:35]}{-float(line[35:49]):14.3f}{line[49:]}"
+
+
+def _no_doppler(line: str) -> str:
+    return f"{line[:35]}{'':14}{line[49:]}"
+
+
+def _strength_steps(line: str) -> str:
+    return f"{line[:51]}{min(max(int(float(line[51:65]) // 6), 1), 9):14.3f}{line[65:]}"
+
+
+def _cut(share: float, whole_epochs: bool) -> Callable[[Path], None]:
+    """Return a fault that cuts the observation file short, at an epoch or within a line."""
+
+    def breaks(folder: Path) -> None:
+        file = next((folder / "GNSS" / "Rover").iterdir())
+        text = file.read_text()
+        at = int(len(text) * share)
+        file.write_text(text[: text.rindex(">", 0, at)] if whole_epochs else text[:at])
+
+    return breaks
+
+
+def _sidecar(pattern: str, replacement: str) -> Callable[[Path], None]:
+    def breaks(folder: Path) -> None:
+        file = folder / "great.toml"
+        text, count = re.subn(pattern, replacement, file.read_text())
+        assert count == 1, f"{pattern} not found in {file}"
+        file.write_text(text)
+
+    return breaks
+
+
+def _remove(pattern: str) -> Callable[[Path], None]:
+    def breaks(folder: Path) -> None:
+        for file in folder.glob(pattern):
+            file.unlink()
+
+    return breaks
+
+
+def _other_navigation(folder: Path) -> None:
+    product = folder / "GNSS" / "Product"
+    for file in product.iterdir():
+        file.unlink()
+    shutil.copyfile(DATA / "broadcast" / "brdc1190.21n", product / "brdc1190.21n")
+
+
+def _reference(change: Callable[[object], dict]) -> Callable[[Path], None]:
+    """Return a fault that rewrites the reference with some of its fields replaced."""
+
+    def breaks(folder: Path) -> None:
+        reference = load(folder).reference
+        assert reference is not None
+        changed = dataclasses.replace(reference, **change(reference))
+        write_reference(folder / "Groundtruth" / "groundtruth.txt", changed, np.eye(3))
+
+    return breaks
+
+
+def _east(reference) -> dict:
+    return {"pos_e": reference.pos_e + 3.0 * C_en_of(reference.pos_e)[:, :, 1]}
+
+
+def _enu_yaw(reference) -> dict:
+    rpy = reference.rpy.copy()
+    rpy[:, 2] = np.pi / 2 - rpy[:, 2]
+    return {"rpy": rpy}
+
+
+# --- Oakville: CSV with a header -----------------------------------------------------------
+
+
+def _csv(name: str, change: Callable[[pd.DataFrame], pd.DataFrame]) -> Callable[[Path], None]:
+    def breaks(folder: Path) -> None:
+        file = folder / f"{name}.csv.gz"
+        change(pd.read_csv(file)).to_csv(file, index=False)
+
+    return breaks
+
+
+def _assign(**columns: Callable[[pd.DataFrame], pd.Series]) -> Callable:
+    return lambda table: table.assign(**columns)
+
+
+def _swap(a: str, b: str) -> Callable[[pd.DataFrame], pd.DataFrame]:
+    return lambda table: table.rename(columns={a: b, b: a})
+
+
+def _both(a: Callable[[Path], None], b: Callable[[Path], None]) -> Callable[[Path], None]:
+    def breaks(folder: Path) -> None:
+        a(folder)
+        b(folder)
+
+    return breaks
+
+
+def _positions(change: Callable[[pd.DataFrame], pd.DataFrame]) -> Callable[[Path], None]:
+    return _both(_csv("gnss", change), _csv("reference_position", change))
+
+
+def _gyro_degrees(table: pd.DataFrame) -> pd.DataFrame:
+    return table.assign(**{f"g{k}_radps": np.degrees(table[f"g{k}_radps"]) for k in "xyz"})
+
+
+def _without_gravity(table: pd.DataFrame) -> pd.DataFrame:
+    return table.assign(az_mps2=table["az_mps2"] - 9.81)
+
+
+def _turned_gyro(table: pd.DataFrame) -> pd.DataFrame:
+    """Write z, x, y where x, y, z are expected."""
+    return table.rename(
+        columns={"gx_radps": "gy_radps", "gy_radps": "gz_radps", "gz_radps": "gx_radps"}
+    )
+
+
+def _radians(table: pd.DataFrame) -> pd.DataFrame:
+    return table.assign(**{k: np.radians(table[k]) for k in ("lat_deg", "lon_deg")})
+
+
+def _kilometres(table: pd.DataFrame) -> pd.DataFrame:
+    return table.assign(**{k: 3.6 * table[k] for k in ("vn_mps", "ve_mps", "vd_mps")})
+
+
+def _half_file(folder: Path) -> None:
+    file = folder / "imu.csv.gz"
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) // 2])
+
+
+def _dead_gyro(table: pd.DataFrame) -> pd.DataFrame:
+    return table.assign(gz_radps=table["gz_radps"].iloc[0])
+
+
+# --- comma2k19: arrays without extension ---------------------------------------------------
+
+
+def _array(*names: str, change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Path], None]:
+    def breaks(folder: Path) -> None:
+        for name in names:
+            value = change(np.load(folder / name))
+            with (folder / name).open("wb") as stream:
+                np.save(stream, value)
+
+    return breaks
+
+
+_COMMA_IMU = ("processed_log/IMU/gyro/t", "processed_log/IMU/accelerometer/t")
+_COMMA_RAW = "processed_log/GNSS/raw_gnss_ublox/value"
+
+
+def _column(k: int, function: Callable[[np.ndarray], object]) -> Callable:
+    def change(value: np.ndarray) -> np.ndarray:
+        value = value.copy()
+        value[:, k] = function(value[:, k])
+        return value
+
+    return change
+
+
+# --- rtklibexplorer ------------------------------------------------------------------------
+
+
+def _pos_utc(folder: Path) -> None:
+    """Move the solution 18 s back, as if its GPST column held UTC."""
+    file = next(folder.glob("gnss_*.pos"))
+    out = []
+    for line in file.read_text().splitlines():
+        if line[:2] == "20":
+            stamp = pd.Timestamp(line[:23].replace("/", "-")) - pd.Timedelta(seconds=18)
+            line = f"{stamp:%Y/%m/%d %H:%M:%S}.{stamp.microsecond // 1000:03d}{line[23:]}"
+        out.append(line)
+    file.write_text("\n".join(out) + "\n")
+
+
+def _imu_si(folder: Path) -> None:
+    file = next(folder.glob("imu_*.csv"))
+    table = pd.read_csv(file, header=None)
+    table[[0, 1, 2]] *= 9.80665
+    table.to_csv(file, header=False, index=False)
+
+
+FAULTS = (
+    Fault("gyro in rad/s, declared deg/s", SIMULATED, _imu(_scaled(slice(1, 4), np.pi / 180)),
+          "gyro.*rad/s"),
+    Fault("accelerometer in g, declared m/s²", SIMULATED, _imu(_scaled(slice(4, 7), 1 / 9.80665)),
+          r"gravity.*in g\b"),
+    Fault("x and y swapped in both triads (left-handed axes)", SIMULATED,
+          _imu(_order([1, 0, 2], [1, 1, 1])), "left-handed.*swapped"),
+    Fault("axes forward-right-down, declared right-forward-up", SIMULATED,
+          _imu(_order([1, 0, 2], [1, 1, -1])), "up is"),
+    Fault("only the roll and pitch gyros swapped", SIMULATED, _imu(_swapped_gyros), "",
+          "not tested: a road turns a car too little about these axes"),
+    Fault("IMU in UTC, declared GPS time (18 s)", SIMULATED, _imu(_later(-18.0)),
+          "IMU's stamps are 18.0.*UTC"),
+    Fault("IMU 0.1 s late", SIMULATED, _imu(_later(0.1)), r"IMU's stamps are 0\.(09|1).*late"),
+    Fault("GPS week declared one too small", SIMULATED, _sidecar("week = 2129", "week = 2128"),
+          "week 2128.*2129"),
+    Fault("Doppler mirrored", SIMULATED, _rinex(_mirrored_doppler), "Doppler.*sign is reversed"),
+    Fault("no Doppler (dropped in conversion)", SIMULATED, _rinex(_no_doppler), "no Doppler"),
+    Fault("RINEX cut in the middle of a line", SIMULATED, _cut(0.6, False),
+          "cut short"),
+    Fault("RINEX ends at half of the drive", SIMULATED, _cut(0.5, True), "GNSS.*ends"),
+    Fault("C/N0 as RINEX signal-strength steps 1–9", SIMULATED, _rinex(_strength_steps),
+          "C/N0.*steps"),
+    Fault("navigation file missing", SIMULATED, _remove("GNSS/Product/*"), "no RINEX navigation"),
+    Fault("navigation file of another week", SIMULATED, _other_navigation, "no ephemeris"),
+    Fault("NaN in one IMU value", SIMULATED, _imu(_nan), "finite number.*nan"),
+    Fault("two IMU rows in the wrong order", SIMULATED, _imu(_backwards), "increasing time"),
+    Fault("ten IMU rows duplicated", SIMULATED, _imu(_duplicated), "increasing time"),
+    Fault("20 s of IMU rows missing", SIMULATED, _imu(_gap), r"gaps, the longest 20\.0"),
+    Fault("gyro frozen for 8 s", SIMULATED, _imu(_frozen), "gyro.*frozen for 8"),
+    Fault("horizontal accelerometers clipped at 1.2 m/s²", SIMULATED, _imu(_clipped),
+          "accelerometer.*saturated"),
+    Fault("IMU file missing", SIMULATED, _remove("IMU/*"), "no IMU text"),
+    Fault("lever arm not declared", SIMULATED, _sidecar(r"lever = .*", ""), "lever arm.*not given"),
+    Fault("lever arm with the opposite sign", SIMULATED,
+          _sidecar(r"lever = .*", "lever_antenna_frd_m = [0.65, 0.05, 0.15]"),
+          "lever arm.*opposite"),
+    Fault("reference shifted by 3 m to the east", SIMULATED, _reference(_east),
+          r"shifted.*\+[23]\.\d m east"),
+    Fault("reference in UTC, declared GPS time (18 s)", SIMULATED,
+          _reference(lambda r: {"time": r.time - 18.0}), "reference's stamps are 18.0.*UTC"),
+    Fault("reference heading counted from east (ENU yaw)", SIMULATED, _reference(_enu_yaw),
+          "heading.*(ENU|course)"),
+    Fault("gyro in deg/s, declared rad/s", "Oakville", _csv("imu", _gyro_degrees), "gyro.*deg/s"),
+    Fault("gravity taken out of the accelerometer", "Oakville", _csv("imu", _without_gravity),
+          "gravity has been taken out"),
+    Fault("gyro columns z, x, y instead of x, y, z", "Oakville", _csv("imu", _turned_gyro),
+          "yaw rate is on axis x"),
+    Fault("right axis reversed (left-handed)", "Oakville",
+          _csv("imu", _assign(gy_radps=lambda t: -t["gy_radps"], ay_mps2=lambda t: -t["ay_mps2"])),
+          "left-handed: the right axis"),
+    Fault("yaw gyro stuck at one value", "Oakville", _csv("imu", _dead_gyro), "never changes"),
+    Fault("IMU 18 s late", "Oakville", _csv("imu", _assign(t_s=lambda t: t["t_s"] + 18.0)),
+          "IMU's stamps are 18.0"),
+    Fault("IMU 0.1 s late", "Oakville long", _csv("imu", _assign(t_s=lambda t: t["t_s"] + 0.1)),
+          r"IMU's stamps are 0\.(09|1).*late"),
+    Fault("latitude and longitude swapped", "Oakville", _positions(_swap("lat_deg", "lon_deg")),
+          "latitude and longitude are swapped"),
+    Fault("latitude and longitude in radians, declared degrees", "Oakville", _positions(_radians),
+          "latitude and longitude are in radians"),
+    Fault("height missing (0 everywhere)", "Oakville",
+          _positions(_assign(height_m=lambda t: 0.0 * t["height_m"])), "height.*missing"),
+    Fault("north and east velocity swapped", "Oakville", _csv("gnss", _swap("vn_mps", "ve_mps")),
+          "north and east are swapped"),
+    Fault("velocity up, declared down", "Oakville",
+          _csv("gnss", _assign(vd_mps=lambda t: -t["vd_mps"])), "down component"),
+    Fault("velocity in km/h, declared m/s", "Oakville", _csv("gnss", _kilometres),
+          "km/h"),
+    Fault("file cut in the middle (gzip)", "Oakville", _half_file, "imu.csv.gz"),
+    Fault("column az missing", "Oakville", _csv("imu", lambda t: t.drop(columns="az_mps2")),
+          "missing columns az"),
+    Fault("Doppler in Hz, declared m/s", "comma2k19",
+          _array(_COMMA_RAW, change=_column(6, lambda v: -v / 0.190293673)), "Doppler.*Hz"),
+    Fault("C/N0 constant", "comma2k19", _array(_COMMA_RAW, change=_column(8, lambda v: 45.0)),
+          "C/N0.*constant"),
+    Fault("IMU 18 s late", "comma2k19", _array(*_COMMA_IMU, change=lambda t: t + 18.0),
+          r"IMU's stamps are (18|17\.9)"),
+    Fault("IMU 0.1 s late", "comma2k19", _array(*_COMMA_IMU, change=lambda t: t + 0.1), "",
+          "a minute of even driving: its own uncertainty is larger than the fault"),
+    Fault("yaw gyro with the opposite sign", "comma2k19",
+          _array("processed_log/IMU/gyro/value", change=lambda v: v * [1, 1, -1]), "",
+          "6° of turning in a minute: the road is straight"),
+    Fault("solution in UTC, declared GPS time (18 s)", "rtklibexplorer", _pos_utc,
+          "IMU's stamps are 18.0.*UTC"),
+    Fault("accelerometer in m/s², declared g", "rtklibexplorer", _imu_si, "multiplied by g"),
+    Fault("time tag missing", "rtklibexplorer", _remove("*.tag"), "time tag not found"),
+)  # fmt: skip
+
+
+# --- running it ----------------------------------------------------------------------------
+
+
+def base_folder(name: str, work: Path) -> Path | None:
+    """Return the sound recording of that name, simulated when it is; None where absent."""
+    if name == SIMULATED:
+        folder = work / "base"
+        return folder if folder.exists() else simulate_base(folder)
+    folder = DATA / REAL[name]
+    return folder if folder.is_dir() else None
+
+
+def broken(fault: Fault, work: Path) -> Report | None:
+    """Return what `check` says to a copy with the fault; None where the base is absent."""
+    base = base_folder(fault.base, work)
+    if base is None:
+        return None
+    with tempfile.TemporaryDirectory(dir=work) as place:
+        copy = Path(place) / "copy"
+        shutil.copytree(base, copy, copy_function=shutil.copyfile)
+        for folder in (copy, *(p for p in copy.rglob("*") if p.is_dir())):
+            folder.chmod(0o755)  # bases may be read-only
+        fault.breaks(copy)
+        return check(copy)
+
+
+def named(fault: Fault, report: Report) -> str:
+    """Return the finding that names the fault, without the copy's path; '' if none does."""
+    for finding in (*report.of("fatal"), *report.of("doubtful")):
+        if fault.expected and re.search(fault.expected, finding.line):
+            also = sorted(
+                {f.subject for f in report.findings if f.severity != "note" and f is not finding}
+            )
+            more = f" (also raised: {'; '.join(also)})" if also else ""
+            return f"{finding.severity}: {clean(finding.line, report.path)}{more}"
+    return ""
+
+
+def clean(line: str, path: str) -> str:
+    """Return a finding's line with the copy's folder taken out."""
+    return re.sub(r"\s+", " ", line.replace(f"{path}/", "").replace(path, "folder"))
+
+
+def table(work: Path) -> tuple[list[str], bool]:
+    """Return the page's lines, and whether everything went as it should."""
+    lines = [
+        "# What `certnav check` says to broken recordings", "",
+        f"Made by `{COMMAND}` (real recordings from `CERTNAV_DATA`).", "",
+        "## Sound recordings", "", "| recording | verdict |", "|---|---|",
+    ]  # fmt: skip
+    good = True
+    for name in (SIMULATED, *REAL):
+        base = base_folder(name, work)
+        if base is None:
+            lines.append(f"| {name} | not at hand |")
+            continue
+        report = check(base)
+        alarms = [clean(f.line, report.path) for f in report.findings if f.severity != "note"]
+        good &= not alarms
+        lines.append(f"| {name} | {'; '.join([report.verdict, *alarms])} |")
+    count = len(FAULTS)
+    seen = [f for f in FAULTS if f.expected]
+    lines += [
+        "", f"## {count} broken copies", "",
+        f"{len(seen)} can be seen; {count - len(seen)} cannot, in the recording they were made "
+        "of, and the table says why.", "",
+        "| # | recording | what was done to it | what `check` says |", "|---|---|---|---|",
+    ]  # fmt: skip
+    for number, fault in enumerate(FAULTS, 1):
+        report = broken(fault, work)
+        if report is None:
+            said = "recording not at hand"
+        elif fault.expected:
+            said = named(fault, report)
+            if not said:
+                good = False
+                others = [clean(f.line, report.path) for f in report.findings]
+                alarms = [o for o, f in zip(others, report.findings, strict=True)
+                          if f.severity != "note"]  # fmt: skip
+                said = f"**not named**; {'; '.join(alarms) or report.verdict}"
+        else:
+            alarms = [clean(f.line, report.path) for f in report.findings if f.severity != "note"]
+            good &= not alarms
+            said = f"nothing: {fault.undetectable}" + "".join(f"; {a}" for a in alarms)
+        lines.append(f"| {number} | {fault.base} | {fault.name} | {said.replace('|', '/')} |")
+    return lines, good
+
+
+def main() -> int:
+    """Print or write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the page there")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as work:
+        lines, good = table(Path(work))
+    text = "\n".join(lines) + "\n"
+    if arguments.out is None:
+        print(text)
+    else:
+        arguments.out.parent.mkdir(parents=True, exist_ok=True)
+        arguments.out.write_text(text, encoding="utf-8")
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

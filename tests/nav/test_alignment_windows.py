@@ -1,0 +1,92 @@
+"""Window-wise alignment: exact on simulated data, sane on real data, refusals in one line."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from datasets.load import load
+from datasets.sequence import Odometer
+from datasets.simulator import SimulationConfig, simulate
+from filters.errors import AlignmentError, ConfigError
+from nav.alignment_windows import WindowOptions, align_windows, summary
+from nav.cli import main
+
+
+@pytest.fixture(scope="module")
+def exact():
+    """A minute and a half of driving without noise, with an odometer made from the truth."""
+    config = SimulationConfig(
+        seed=5, duration=90.0, density="open", noise=False, atmosphere=False, static_start=5.0
+    )
+    simulation = simulate(config)
+    trajectory, calibration = simulation.trajectory, simulation.calibration
+    time = simulation.imu.time[5:-5]
+    k = trajectory.kinematics(time, calibration.lever_vehicle_b)
+    speed = np.einsum("ni,ni->n", k.vel_e, k.C_eb[:, :, 0])
+    return dataclasses.replace(simulation.sequence(), odometer=Odometer(time, speed))
+
+
+@pytest.mark.parametrize("method", ["sdp", "voba"])
+def test_exact_data_give_the_heading(exact, method):
+    results = align_windows(exact, WindowOptions(method=method, window=20.0, step=10.0))
+    moving = [r for r in results if np.isfinite(r.error) and r.status in ("CERTIFIED", "BASELINE")]
+    assert len(moving) >= 4
+    # The Earth's rate is left out of the local attitude: 0.1° over a window.
+    assert np.degrees(np.median([abs(r.error) for r in moving])) < 0.1
+    assert np.degrees(max(abs(r.error) for r in moving)) < 0.5
+
+
+def test_two_satellites_are_enough_or_said_not_to_be(exact):
+    """A certified window is right; with two satellites a planar window may only be ambiguous."""
+    results = align_windows(exact, WindowOptions(satellites=2.5, window=20.0, step=10.0))
+    certified = [r for r in results if r.status == "CERTIFIED"]
+    assert certified
+    assert max(abs(np.degrees(r.error)) for r in certified) < 2.0
+
+
+def test_real_car_in_san_francisco(data_dir):
+    results = align_windows(load(data_dir / "comma2k19-example1"), WindowOptions())
+    numbers = summary(results)
+    assert numbers["certified"] == numbers["windows"] == 9
+    assert numbers["mae_deg"] < 1.5 and numbers["max_deg"] < 2.0
+
+
+def test_labels_tell_reflected_signals_apart(data_dir):
+    """Berlin: with reflected rows windows break outright, without them they do not."""
+    sequence = load(data_dir / "smartloc-berlin1")
+    every, clear = (
+        summary(align_windows(sequence, WindowOptions(labels=labels))) for labels in ("all", "los")
+    )
+    assert clear["max_deg"] < 10.0 < 30.0 < every["max_deg"]
+
+
+def test_the_same_draw_keeps_the_same_satellites(exact):
+    options = WindowOptions(satellites=3.0, seed=4)
+    one, two = (align_windows(exact, options) for _ in range(2))
+    assert [r.heading for r in one] == [r.heading for r in two]
+    assert all(r.satellites == pytest.approx(3.0) for r in one)
+
+
+def test_mistakes_are_named(exact):
+    with pytest.raises(ConfigError, match="did you mean 'voba'"):
+        WindowOptions(method="vobba")
+    with pytest.raises(ConfigError, match="expected 'all' or 'los'"):
+        WindowOptions(labels="nlos")
+    with pytest.raises(AlignmentError, match="no odometer"):
+        align_windows(dataclasses.replace(exact, odometer=None), WindowOptions())
+    with pytest.raises(AlignmentError, match="less than one window"):
+        align_windows(exact, WindowOptions(window=500.0))
+
+
+def test_command_prints_table_and_json(data_dir, tmp_path, capsys):
+    path = str(data_dir / "comma2k19-example1")
+    picture = tmp_path / "windows.png"
+    assert main(["align", path, "--plot", str(picture)]) == 0
+    assert "certified 9" in capsys.readouterr().out
+    assert picture.stat().st_size > 10_000
+    assert main(["align", path, "--json", "--method", "gauss-newton"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert len(result["windows"]) == 9
+    assert {"heading_deg", "error_deg", "status", "chi2_per_dof"} <= set(result["windows"][0])
