@@ -53,11 +53,11 @@ class LineOfSight(NamedTuple):
 class DopplerNoise:
     """Range-rate noise as a function of C/N0.
 
-    σ² = floor² + (sigma_45 · 10^((45 − C/N0)/20))²: thermal noise of a frequency loop falls with
-    the square root of the carrier power; the floor stands for oscillator and dynamics. The
-    defaults fit the u-blox M8 in the car of comma2k19 above 40 dB-Hz (MAD 0.06 m/s at 45 dB-Hz);
-    below, multipath adds a factor of two. A static u-blox F9P under open sky (INSTINCT) has
-    sigma_45 = 0.017 and floor = 0.01 m/s from 26 to 48 dB-Hz.
+    σ² = floor² + (sigma_45 · 10^((45 − C/N0)/decade_db))²: thermal noise of a frequency loop
+    falls with the square root of the carrier power; the floor stands for oscillator and
+    dynamics. The defaults fit the u-blox M8 in the car of comma2k19 above 40 dB-Hz (MAD
+    0.06 m/s at 45 dB-Hz); below, multipath adds a factor of two. A static u-blox F9P under open
+    sky (INSTINCT) has sigma_45 = 0.017 and floor = 0.01 m/s from 26 to 48 dB-Hz.
 
     Parameters
     ----------
@@ -67,11 +67,15 @@ class DopplerNoise:
         [m/s].
     unknown_cn0 : float
         C/N0 assumed for rows that have none [dB-Hz].
+    decade_db : float
+        C/N0 over which the first part changes tenfold [dB]: 20 for thermal noise, less where
+        weak signals are reflections. `velocity.doppler_noise` fits it.
     """
 
     sigma_45: float = 0.06
     floor: float = 0.04
     unknown_cn0: float = 35.0
+    decade_db: float = 20.0
 
     def __post_init__(self) -> None:
         if not (self.sigma_45 >= 0.0 and self.floor > 0.0):
@@ -79,12 +83,14 @@ class DopplerNoise:
                 "Doppler noise: expected sigma_45 ≥ 0 and floor > 0 m/s, "
                 f"found {self.sigma_45!r} and {self.floor!r}"
             )
+        if not self.decade_db > 0.0:
+            raise ConfigError(f"Doppler noise: expected decade_db > 0, found {self.decade_db!r}")
 
     def sigma(self, cn0: ArrayLike) -> FloatArray:
         """Return 1σ [m/s] of range rates with `cn0` [dB-Hz]."""
         cn0 = np.asarray(cn0, dtype=float)
         known = np.where(np.isnan(cn0), self.unknown_cn0, cn0)
-        return np.hypot(self.floor, self.sigma_45 * 10.0 ** ((45.0 - known) / 20.0))
+        return np.hypot(self.floor, self.sigma_45 * 10.0 ** ((45.0 - known) / self.decade_db))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,359 @@
+"""Velocity from fewer than four satellites: the attitude tells the direction, Doppler the speed.
+
+A road vehicle moves where it points. With the attitude known, the antenna's velocity has one
+unknown left, the signed forward speed s at the point the wheels constrain:
+
+    v_e = s·u_e + swing_e,    u_e = C_eb C_bv (1, 0, 0)ᵀ,    swing_e = C_eb (ω_eb^b × l_b)
+
+and each Doppler equation ``z = e·v_e − cδṫ_r`` of `range_rate` becomes one in [s, cδṫ_r].
+NDIA-VE solves one of them with the drift known, DDIA-VE (eqs. (7)–(20)) two of them by their
+difference, and weighted least squares any number; for two it *is* eq. (20), for more it equals
+the optimally weighted mean of all pairs. s is signed, and nothing here divides by speed: reversing
+and standing still need no special case.
+
+An error φ' of the attitude used (estimated = (I + [φ'×]) true) turns u_e and swing_e together. With
+g the estimator's gain on z and E the lines of sight it shifts the velocity by
+
+    δv = (I − u gᵀE)(φ' × v),    δs = −gᵀE (φ' × v)
+
+and a sideways velocity v_⟂ that the constraint ignores by −(I − u gᵀE) v_⟂.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from datasets.sequence import GnssObservations
+from filters.errors import ConfigError
+from filters.fault_exclusion import consistent_rows
+from filters.rotation import FloatArray, skew
+from velocity.forward_motion import ForwardMotion
+from velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows
+
+#: |SDV·RMD| below which the paper calls a pair singular.
+SINGULAR_K = 0.05
+
+
+class DriftFree(NamedTuple):
+    """Doppler equations without the receiver clock: ``z = e_e @ v_e``, covariance `cov`."""
+
+    z: FloatArray
+    e_e: FloatArray
+    cov: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class AidedVelocity:
+    """Velocity of one epoch from Doppler and attitude, with everything needed to judge it.
+
+    Attributes
+    ----------
+    time : float
+        GPS time [s].
+    status : {'ok', 'too few satellites', 'singular geometry', 'inconsistent'}
+        Numbers below are NaN unless 'ok'.
+    speed : float
+        Signed forward speed at the point the wheels constrain [m/s].
+    sigma_doppler, sigma_attitude : float
+        1σ of `speed` from range rates (and a known drift), and from the attitude [m/s]. For a
+        pair the former is √2·λσ_D/k.
+    clock_drift, sigma_clock_drift : float
+        c·δṫ_r [m/s] and its 1σ from the range rates.
+    vel_e : ndarray, shape (3,)
+        Antenna velocity, ECEF [m/s]: eq. (20) with the lever arm's share.
+    noise_cov_e : ndarray, shape (3, 3)
+        Its covariance from range rates and `sigma_cross`, without the attitude [m²/s²].
+    cov_e : ndarray, shape (3, 3)
+        Its covariance, attitude included.
+    attitude_e : ndarray, shape (3, 3)
+        d(vel_e)/dφ', φ' the error of the attitude used (module docstring). A filter whose own
+        attitude was used takes `noise_cov_e` and this, not `cov_e`.
+    k : float
+        |SDV·RMD| of a pair; for more satellites that of a pair as good, √2·σ_rms/σ_s; for one
+        satellite |e·u|.
+    satellites : tuple of str
+        Used satellites.
+    row : ndarray of int
+        Used rows of the observations.
+    residuals : ndarray
+        z − model of the used rows [m/s].
+    rejected : tuple of int
+        Rows of the observations excluded by the residual test.
+    dof : int
+        Used rows − 2. With 0 nothing has checked the solution.
+    chi2, variance_factor : float
+        Σ(residual/σ)², and max(1, chi2/dof), which is in all covariances.
+    """
+
+    time: float
+    status: str
+    speed: float
+    sigma_doppler: float
+    sigma_attitude: float
+    clock_drift: float
+    sigma_clock_drift: float
+    vel_e: FloatArray
+    noise_cov_e: FloatArray
+    cov_e: FloatArray
+    attitude_e: FloatArray
+    k: float
+    satellites: tuple[str, ...]
+    row: NDArray[np.int64]
+    residuals: FloatArray
+    rejected: tuple[int, ...]
+    dof: int
+    chi2: float
+    variance_factor: float
+
+    @property
+    def ok(self) -> bool:
+        """True if there is a velocity."""
+        return self.status == "ok"
+
+
+def drift_free(rows: DopplerRows) -> DriftFree:
+    """Return n − 1 equations in velocity that the receiver clock has no part in.
+
+    Row k is satellite k + 1 minus the first one: ``v_AB = e_AB·v_e``, eq. (14). As a filter
+    update they need neither a division by k nor the vehicle constraint; which satellite is
+    subtracted makes no difference as long as `cov`, which is not diagonal, is used.
+    """
+    if len(rows) < 2:
+        raise ConfigError(f"between-satellite differences: expected ≥ 2 rows, found {len(rows)}")
+    n = len(rows) - 1
+    return DriftFree(
+        rows.z[1:] - rows.z[0],
+        rows.e_e[1:] - rows.e_e[0],
+        np.diag(rows.sigma[1:] ** 2) + np.full((n, n), rows.sigma[0] ** 2),
+    )
+
+
+def ndia_velocity(
+    rows: DopplerRows,
+    motion: ForwardMotion,
+    time: float,
+    clock_drift: float,
+    sigma_clock_drift: float,
+    *,
+    min_k: float = SINGULAR_K,
+) -> AidedVelocity:
+    """Return the velocity from one satellite, the receiver's drift being known (NDIA-VE).
+
+    Parameters
+    ----------
+    rows : DopplerRows
+        One row.
+    motion : ForwardMotion
+        Of this epoch.
+    time : float
+        GPS time [s].
+    clock_drift, sigma_clock_drift : float
+        c·δṫ_r and its 1σ [m/s], from the last epoch that observed it.
+    min_k : float
+        Smallest |e·u|.
+    """
+    if len(rows) != 1:
+        raise ConfigError(f"NDIA-VE: expected one satellite, found {len(rows)}")
+    h = rows.e_e @ motion.u_e
+    if not abs(h[0]) > min_k:
+        return _nothing(time, "singular geometry")
+    y = rows.z - rows.e_e @ motion.swing_e
+    sigma = np.hypot(rows.sigma[0], sigma_clock_drift)
+    return _velocity(
+        rows, motion, time, float((y[0] + clock_drift) / h[0]), 1.0 / h, sigma / abs(h[0]),
+        clock_drift, sigma_clock_drift, abs(h[0]), np.zeros(1), (), 0,
+    )  # fmt: skip
+
+
+def ddia_pair(
+    rows: DopplerRows, motion: ForwardMotion, time: float, *, min_k: float = SINGULAR_K
+) -> AidedVelocity:
+    """Return the velocity from two satellites as the paper writes it (DDIA-VE, eqs. (7)–(20)).
+
+    Parameters
+    ----------
+    rows : DopplerRows
+        Two rows; their order does not matter.
+    motion : ForwardMotion
+        Of this epoch.
+    time : float
+        GPS time [s].
+    min_k : float
+        Pairs with |SDV·RMD| up to this are 'singular geometry'.
+    """
+    if len(rows) != 2:
+        raise ConfigError(f"DDIA-VE pair: expected two satellites, found {len(rows)}")
+    e_AB = rows.e_e[0] - rows.e_e[1]  # (13): κ, common drift coefficient, is in e_e
+    along = float(e_AB @ motion.u_e)
+    if not abs(along) > min_k:
+        return _nothing(time, "singular geometry")
+    v_AB = rows.z[0] - rows.z[1]  # (14)
+    speed = float(v_AB - e_AB @ motion.swing_e) / along  # (20), lever arm taken off
+    gain = np.array([1.0, -1.0]) / along
+    h = rows.e_e @ motion.u_e
+    y = rows.z - rows.e_e @ motion.swing_e
+    weight = rows.sigma**-2 / np.sum(rows.sigma**-2)
+    sigma_drift = np.sqrt(np.sum(((weight @ h) * gain - weight) ** 2 * rows.sigma**2))
+    return _velocity(
+        rows, motion, time, speed, gain, float(np.hypot(*rows.sigma)) / abs(along),
+        float(weight @ (h * speed - y)), float(sigma_drift), abs(along), np.zeros(2), (), 0,
+    )  # fmt: skip
+
+
+def ddia_velocity(
+    rows: DopplerRows,
+    motion: ForwardMotion,
+    time: float,
+    *,
+    min_k: float = SINGULAR_K,
+    significance: float = 1e-3,
+) -> AidedVelocity:
+    """Return the weighted least-squares velocity from two or more satellites.
+
+    State [s, cδṫ_r]. For two rows identical to `ddia_pair`.
+
+    Parameters
+    ----------
+    rows : DopplerRows
+        All usable rows of the epoch, one signal per satellite.
+    motion : ForwardMotion
+        Of this epoch.
+    time : float
+        GPS time [s].
+    min_k : float
+        Geometry worse than that of a pair with this |SDV·RMD| is 'singular geometry'.
+    significance : float
+        Probability that the residual test (three rows or more) accuses fault-free rows.
+    """
+    if len(rows) < 2:
+        return _nothing(time, "too few satellites")
+    h = rows.e_e @ motion.u_e
+    y = rows.z - rows.e_e @ motion.swing_e
+
+    def strong(keep: NDArray[np.bool_]) -> bool:
+        return keep.sum() >= 2 and _equivalent_k(h[keep], rows.sigma[keep]) > min_k
+
+    everything = np.ones(len(rows), dtype=bool)
+    if not strong(everything):
+        return _nothing(time, "singular geometry")
+    keep: NDArray[np.bool_] | None = everything
+    if len(rows) > 2:
+        H = np.column_stack([h, -np.ones(len(rows))])
+        keep = consistent_rows(H, y, rows.sigma, significance, strong)
+    if keep is None:
+        return _nothing(time, "inconsistent")
+    used, h, y = rows.take(keep), h[keep], y[keep]
+    weight = used.sigma**-2 / np.sum(used.sigma**-2)
+    centred = h - weight @ h
+    spread = np.sum(weight * centred**2)
+    gain = weight * centred / spread
+    speed = float(gain @ y)
+    drift = float(weight @ (h * speed - y))
+    drift_gain = (weight @ h) * gain - weight
+    return _velocity(
+        used, motion, time, speed, gain, float(np.linalg.norm(gain * used.sigma)),
+        drift, float(np.linalg.norm(drift_gain * used.sigma)),
+        _equivalent_k(h, used.sigma), y - h * speed + drift,
+        tuple(map(int, rows.row[~keep])), len(used) - 2,
+    )  # fmt: skip
+
+
+def ddia_velocities(
+    observations: GnssObservations,
+    pos_e: ArrayLike,
+    motion: ForwardMotion,
+    *,
+    noise: DopplerNoise | None = None,
+    min_k: float = SINGULAR_K,
+    significance: float = 1e-3,
+) -> list[AidedVelocity]:
+    """Return one `AidedVelocity` per epoch; `row` and `rejected` index `observations`.
+
+    Parameters
+    ----------
+    observations : GnssObservations
+        One signal per satellite; rejected rows take no part.
+    pos_e : array_like, shape (3,) or (n, 3)
+        Antenna [m], one for all or one per row.
+    motion : ForwardMotion
+        One entry per epoch, in the order of `observations.epochs`.
+    noise : DopplerNoise, optional
+    min_k, significance : float
+        As for `ddia_velocity`.
+    """
+    rows = doppler_rows(observations, pos_e, noise)
+    out = []
+    for number, (time, epoch) in enumerate(observations.epochs()):
+        part = slice(*np.searchsorted(rows.row, [epoch.start, epoch.stop]))
+        out.append(
+            ddia_velocity(
+                rows.take(part), motion.take(number), time, min_k=min_k, significance=significance
+            )
+        )
+    return out
+
+
+def _equivalent_k(h: FloatArray, sigma: FloatArray) -> float:
+    """Return √2·σ_rms/σ_s: |SDV·RMD| for a pair."""
+    weight = sigma**-2
+    centred = h - weight @ h / weight.sum()
+    return float(np.sqrt(2.0 * np.mean(sigma**2) * np.sum(weight * centred**2)))
+
+
+def _velocity(
+    rows: DopplerRows,
+    motion: ForwardMotion,
+    time: float,
+    speed: float,
+    gain: FloatArray,
+    sigma: float,
+    drift: float,
+    sigma_drift: float,
+    k: float,
+    residuals: FloatArray,
+    rejected: tuple[int, ...],
+    dof: int,
+) -> AidedVelocity:
+    chi2 = float(np.sum((residuals / rows.sigma) ** 2))
+    factor = max(1.0, chi2 / dof) if dof else 1.0
+    u = motion.u_e
+    vel_e = speed * u + motion.swing_e
+    seen = gain @ rows.e_e
+    project = np.eye(3) - np.outer(u, seen)
+    attitude_e = -project @ skew(vel_e)
+    across = project @ (np.eye(3) - np.outer(u, u)) @ project.T
+    noise_cov = factor * sigma**2 * np.outer(u, u) + motion.sigma_cross**2 * across
+    turned = seen @ skew(vel_e)
+    return AidedVelocity(
+        time=time,
+        status="ok",
+        speed=speed,
+        sigma_doppler=float(np.sqrt(factor) * sigma),
+        sigma_attitude=float(np.sqrt(turned @ motion.att_cov_e @ turned)),
+        clock_drift=drift,
+        sigma_clock_drift=float(np.sqrt(factor) * sigma_drift),
+        vel_e=vel_e,
+        noise_cov_e=noise_cov,
+        cov_e=noise_cov + attitude_e @ motion.att_cov_e @ attitude_e.T,
+        attitude_e=attitude_e,
+        k=float(k),
+        satellites=tuple(map(str, rows.sat)),
+        row=rows.row,
+        residuals=residuals,
+        rejected=rejected,
+        dof=dof,
+        chi2=chi2,
+        variance_factor=factor,
+    )
+
+
+def _nothing(time: float, status: str) -> AidedVelocity:
+    nan, vector, matrix = np.nan, np.full(3, np.nan), np.full((3, 3), np.nan)
+    return AidedVelocity(
+        time, status, nan, nan, nan, nan, nan, vector, matrix, matrix, matrix, nan, (),
+        np.zeros(0, dtype=np.int64), np.zeros(0), (), 0, nan, nan,
+    )  # fmt: skip

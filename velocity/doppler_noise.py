@@ -1,0 +1,172 @@
+"""Doppler noise as a function of C/N0, fitted to what one receiver really did.
+
+Weights that follow from it are the "adaptive weighting" the DDIA-VE paper leaves to future work.
+Through the spread within bins of C/N0 goes the model of `DopplerNoise`. Two spreads answer two
+questions. 1.48 MAD is the noise of undisturbed signals: reflections do not pass for noise, and a
+residual test can find them. The RMS is what occurs, reflections included: with two or three
+satellites no test finds anything, and weights have to expect them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
+
+from datasets.sequence import GnssObservations
+from filters.errors import ConfigError, DataError
+from filters.rotation import FloatArray
+from velocity.least_squares import doppler_velocities
+from velocity.range_rate import DopplerNoise, doppler_rows
+from velocity.samples import Samples
+
+#: MAD of a normal distribution times this is its σ.
+_MAD = 1.4826
+_MIN_RANGE_DB = 6.0
+#: ln floor, ln sigma_45, decade_db: wider than any receiver's.
+_BOUNDS = ([np.log(1e-4), np.log(1e-3), 5.0], [np.log(10.0), np.log(10.0), 40.0])
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseFit:
+    """A fitted noise model and what it was fitted to.
+
+    Attributes
+    ----------
+    noise : DopplerNoise
+    cn0, spread : ndarray, shape (bins,)
+        Median C/N0 [dB-Hz] and spread of the residuals [m/s] of each bin.
+    count : ndarray of int, shape (bins,)
+    misfit : float
+        RMS of ln(spread / σ) over the bins: 0.1 is 10 %.
+    """
+
+    noise: DopplerNoise
+    cn0: FloatArray
+    spread: FloatArray
+    count: NDArray[np.int64]
+    misfit: float
+
+
+def fit_doppler_noise(
+    cn0: ArrayLike,
+    residual: ArrayLike,
+    *,
+    spread: str = "mad",
+    bins: int = 12,
+    unknown_cn0: float | None = None,
+) -> NoiseFit:
+    """Return the noise model that explains the residuals.
+
+    Parameters
+    ----------
+    cn0 : array_like, shape (n,)
+        [dB-Hz]; rows without are left out.
+    residual : array_like, shape (n,)
+        Range-rate residuals of unit leverage, such as `reference_residuals` [m/s].
+    spread : {'mad', 'rms'}
+        See the module.
+    bins : int
+        Bins of equal count, at most; every bin has 30 rows or more.
+    unknown_cn0 : float, optional
+        Default: the 10 % quantile of `cn0`.
+
+    Where the C/N0 of the bins differ by less than 6 dB, nothing shows how noise depends on it, and
+    the thermal 20 dB per decade are taken.
+
+    Raises
+    ------
+    DataError
+        Fewer than 60 rows.
+    """
+    if spread not in ("mad", "rms"):
+        raise ConfigError(f"spread: expected 'mad' or 'rms', found {spread!r}")
+    level, left = np.asarray(cn0, dtype=float), np.asarray(residual, dtype=float)
+    known = np.isfinite(level) & np.isfinite(left)
+    level, left = level[known], left[known]
+    if level.size < 60:
+        raise DataError(f"Doppler noise: expected 60 rows with C/N0 or more, found {level.size}")
+    order = np.argsort(level, kind="stable")
+    groups = np.array_split(order, min(bins, level.size // 30))
+    middle = np.array([np.median(level[g]) for g in groups])
+    if spread == "mad":
+        found = [_MAD * np.median(np.abs(left[g])) for g in groups]
+    else:
+        found = [np.sqrt(np.mean(left[g] ** 2)) for g in groups]
+    seen = np.maximum(np.array(found), 1e-4)
+    count = np.array([g.size for g in groups])
+
+    def model(p: FloatArray) -> FloatArray:
+        return np.hypot(np.exp(p[0]), np.exp(p[1]) * 10.0 ** ((45.0 - middle) / p[2]))
+
+    def misfit(p: FloatArray) -> FloatArray:  # bins of equal count weigh the same
+        return np.log(seen / model(p))
+
+    start = np.array([np.log(seen.min()), np.log(np.median(seen)), 20.0])
+    low, high = (np.array(bound) for bound in _BOUNDS)
+    if np.ptp(middle) < _MIN_RANGE_DB:
+        low[2], high[2] = 19.999, 20.001
+    start = np.clip(start, low + 1e-6, high - 1e-6)
+    fit = least_squares(misfit, start, bounds=(low, high), loss="soft_l1", f_scale=0.1)
+    floor, sigma_45, decade = np.exp(fit.x[0]), np.exp(fit.x[1]), fit.x[2]
+    weakest = float(np.quantile(level, 0.1)) if unknown_cn0 is None else unknown_cn0
+    return NoiseFit(
+        DopplerNoise(float(sigma_45), float(floor), weakest, float(decade)),
+        middle, seen, count, float(np.sqrt(np.mean(misfit(fit.x) ** 2))),
+    )  # fmt: skip
+
+
+def reference_residuals(samples: Samples) -> FloatArray:
+    """Return range-rate residuals against the reference, receiver drift removed [m/s].
+
+    The drift of an epoch is the median of its rows. Epochs of n rows are scaled by √(n/(n − 1)),
+    to first order what estimating the drift took from the spread; below three rows: NaN.
+    """
+    left = samples.rows.z - np.einsum("ij,ij->i", samples.rows.e_e, samples.vel_e[samples.epoch])
+    out = np.full(left.size, np.nan)
+    edges = np.flatnonzero(np.diff(samples.epoch, prepend=-1, append=samples.epoch[-1] + 1))
+    for start, stop in itertools.pairwise(edges):
+        n = stop - start
+        if n >= 3:
+            part = left[start:stop]
+            out[start:stop] = (part - np.median(part)) * np.sqrt(n / (n - 1.0))
+    return out
+
+
+def own_residuals(
+    observations: GnssObservations, pos_e: ArrayLike, noise: DopplerNoise | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Return C/N0 and residuals without any reference, from least squares of ≥ 6 satellites.
+
+    Residuals are divided by √(1 − leverage), which restores their own noise; rows that hardly
+    check themselves (leverage above 0.8) and rows the residual test excluded are left out.
+
+    Parameters
+    ----------
+    observations : GnssObservations
+    pos_e : array_like, shape (3,) or (n, 3)
+        Antenna [m].
+    noise : DopplerNoise, optional
+        First guess, for the weights.
+    """
+    all_rows = doppler_rows(observations, pos_e, noise)
+    where = np.full(len(observations), -1)
+    where[all_rows.row] = np.arange(len(all_rows))
+    cn0: list[FloatArray] = []
+    residual: list[FloatArray] = []
+    for velocity in doppler_velocities(observations, pos_e, noise=noise):
+        if not velocity.ok or velocity.dof < 2:
+            continue
+        rows = all_rows.take(where[velocity.row])
+        H = np.column_stack([rows.e_e, -np.ones(len(rows))]) / rows.sigma[:, None]
+        q, _ = np.linalg.qr(H)
+        free = 1.0 - np.sum(q**2, axis=1)
+        checked = free > 0.2
+        residual.append(velocity.residuals[checked] / np.sqrt(free[checked]))
+        cn0.append(observations.cn0[velocity.row[checked]])
+    if not cn0:
+        return np.zeros(0), np.zeros(0)
+    return np.concatenate(cn0), np.concatenate(residual)
