@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from datasets import gpstime
-from datasets.great_files import choose_observations, find_files, first_observation
+from datasets.great_files import SIDECAR, choose_observations, find_files, first_observation
 from datasets.great_installation import (
     IMU_PRESETS,
     Declared,
@@ -41,7 +41,7 @@ from datasets.physics import (
 from datasets.sequence import Calibration, GnssObservations, ImuData, Reference
 from datasets.sequence import Sequence as Drive
 from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
+from filters.rotation import FloatArray, matrix_from_rpy
 from filters.sensors import imu_preset as _spec
 
 
@@ -135,7 +135,8 @@ def read_great(
         "IMU rows are rates, read as means over the interval that ends at their stamp; axes "
         "right-forward-up turned to forward-right-down",
         f"lever arm IMU→antenna {lever_b.round(3)} m (forward, right, down): {lever_source}",
-        "mounting of the IMU in the vehicle: not documented, taken as aligned",
+        "mounting of the IMU in the vehicle: "
+        + ("not documented, taken as aligned" if declared.lever_vehicle is None else "declared"),
     ]
     reference = None
     if trajectory is not None:
@@ -146,15 +147,30 @@ def read_great(
     return Drive(
         name=folder.resolve().name,
         imu=data,
-        calibration=Calibration(
-            imu=_spec(declared.imu_preset),
-            lever_antenna_b=lever_b,
-            lever_antenna_source=lever_source,
-        ),
+        calibration=_calibration(declared, lever_b, lever_source),
         observations=observations,
         navigation=tuple(files["navigation"]),
         reference=reference,
         notes=tuple(notes),
+    )
+
+
+def _calibration(declared: Declared, lever_b: FloatArray, lever_source: str) -> Calibration:
+    """Return the calibration; vehicle constraints need mounting and wheels, both declared."""
+    spec, rpy, wheels = (
+        _spec(declared.imu_preset),
+        declared.mounting_rpy_deg,
+        declared.lever_vehicle,
+    )
+    if rpy is None or wheels is None:
+        return Calibration(spec, lever_b, lever_source)
+    return Calibration(
+        spec,
+        lever_b,
+        lever_source,
+        C_bv=matrix_from_rpy(np.radians(rpy)).T,
+        lever_vehicle_b=wheels,
+        mounting_source=f"declared in {SIDECAR}",
     )
 
 

@@ -36,7 +36,7 @@ IMU_PRESETS = {"mems": "adis16470", "tactical": "tactical"}
 REFERENCE_SOURCE = "Inertial Explorer, tightly coupled RTK and tactical IMU, smoothed"
 #: Points a reference may be of.
 POINTS = ("imu", "antenna", "mems", "tactical")
-_OF_MEMS = ("lever_antenna_frd_m", "imu_preset")
+_OF_MEMS = ("lever_antenna_frd_m", "imu_preset", "mounting_rpy_deg", "lever_vehicle_frd_m")
 _SIDECAR_KEYS = (
     "lever",
     "lever_antenna_frd_m",
@@ -46,6 +46,8 @@ _SIDECAR_KEYS = (
     "week",
     "gyro_unit",
     "reference_source",
+    "mounting_rpy_deg",
+    "lever_vehicle_frd_m",
 )
 
 
@@ -61,6 +63,8 @@ class Declared:
     week: int | None
     gyro_unit: str
     reference_source: str
+    mounting_rpy_deg: FloatArray | None
+    lever_vehicle: FloatArray | None
 
 
 def read_declared(folder: Path, imu: str, **arguments: Any) -> Declared:
@@ -103,6 +107,8 @@ def read_declared(folder: Path, imu: str, **arguments: Any) -> Declared:
         week=None if week is None else int(week),
         gyro_unit=unit,
         reference_source=str(given.get("reference_source", REFERENCE_SOURCE)),
+        mounting_rpy_deg=_optional_vector("mounting_rpy_deg", given),
+        lever_vehicle=_optional_vector("lever_vehicle_frd_m", given),
     )
 
 
@@ -112,6 +118,10 @@ def _word_or_vector(key: str, value: Any, words: tuple[str, ...]) -> str | Float
     if value not in words:
         raise ConfigError.unknown_key(value, words, where=key)
     return value
+
+
+def _optional_vector(key: str, given: Mapping[str, Any]) -> FloatArray | None:
+    return _vector(key, given[key]) if key in given else None
 
 
 def _sidecar(folder: Path, imu: str) -> Mapping[str, Any]:

@@ -247,6 +247,13 @@ def _sidecar(simulation: Simulation) -> str:
     else:
         lever = ", ".join(repr(float(v)) for v in config.lever_antenna_b)
         lines.append(f"lever_antenna_frd_m = [{lever}]")
+    calibration = simulation.calibration
+    rpy = np.degrees(rpy_from_matrix(calibration.C_bv.T))
+    for key, vector in (
+        ("mounting_rpy_deg", rpy),
+        ("lever_vehicle_frd_m", calibration.lever_vehicle_b),
+    ):
+        lines.append(f"{key} = [{', '.join(f'{v:.9f}' for v in vector)}]")
     if config.imu != "adis16470":
         lines.append(f'imu_preset = "{config.imu}"')
     return "\n".join(lines) + "\n"

@@ -89,6 +89,8 @@ def read_declared(path: str | Path) -> Sequence:
         lever_antenna_sigma=float(antenna.numbers("lever_sigma_m", (1,), "", np.zeros(1))[0]),
         C_bv=C_bv,
         lever_vehicle_b=wheels,
+        # Vehicle constraints need both the mounting and the point the wheels constrain.
+        mounting_source=f"declared in {NAME}" if vehicle.has("wheels_frd_m") else "",
     )
     reference, reference_notes = read_reference(declared, lever_b, wheels)
     time, course = _course(fixes, reference, observations, navigation)

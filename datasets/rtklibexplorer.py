@@ -121,6 +121,7 @@ def read_rtklibexplorer(path: str | Path, *, imu_lag: float = IMU_LAG) -> Sequen
             lever_antenna_source="drive_config.py of the set",
             C_bv=C_bv,
             lever_vehicle_b=C_bv @ -IMU_V,
+            mounting_source="drive_config.py of the set",
         ),
         fixes=fixes,
         reference=reference,

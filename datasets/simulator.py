@@ -280,5 +280,6 @@ def _calibration(spec: ImuSpec, lever_b: FloatArray, trajectory: Trajectory) -> 
         lever_antenna_b=lever_b,
         lever_antenna_source="simulation",
         C_bv=trajectory.C_bv,
+        mounting_source="simulation truth",
         lever_vehicle_b=trajectory.lever_vehicle_b,
     )
