@@ -109,7 +109,7 @@ class ErrorStateFilter:
         self._noise = model.noise()
         self._sample = stream.index(state.time)
         self._period = float(output_interval)
-        self._rows = np.zeros((stream.gyro.shape[0] - self._sample + 1, _kernels.ROW_SIZE))
+        self._rows = np.zeros((1024, _kernels.ROW_SIZE))
         self._rows[0, _kernels.ROW_TIME] = state.time
         self._cursor = np.array([1.0, state.time + self._period])
         self._ekf = ExtendedKalmanFilter(dim_x=n, dim_z=3)
@@ -150,7 +150,16 @@ class ErrorStateFilter:
                 self.tape.row(self._rows[rows])
         self._advance(until)
 
+    def _reserve(self, until: float) -> None:
+        """Make room for a row per sample up to `until`."""
+        last = int(np.searchsorted(self.stream.edges, until + 1e-9, side="right"))
+        needed = int(self._cursor[0]) + last - self._sample + 1
+        if needed > len(self._rows):
+            more = max(needed, 2 * len(self._rows)) - len(self._rows)
+            self._rows = np.vstack([self._rows, np.zeros((more, _kernels.ROW_SIZE))])
+
     def _advance(self, until: float) -> None:
+        self._reserve(until)
         before = self.P.copy()
         if self.tape is not None:
             self._phi[:] = np.eye(self.model.size)

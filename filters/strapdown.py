@@ -63,6 +63,15 @@ class InertialStream:
         self.gyro = np.ascontiguousarray(gyro_b, dtype=float)
         self.accel = np.ascontiguousarray(accel_b, dtype=float)
 
+    @classmethod
+    def of_edges(cls, edges: ArrayLike, gyro_b: ArrayLike, accel_b: ArrayLike) -> InertialStream:
+        """Return the stream of n samples between n + 1 given interval edges [s]."""
+        stream = cls.__new__(cls)
+        stream.edges = np.ascontiguousarray(edges, dtype=float)
+        stream.gyro = np.ascontiguousarray(gyro_b, dtype=float)
+        stream.accel = np.ascontiguousarray(accel_b, dtype=float)
+        return stream
+
     @property
     def start(self) -> float:
         """Begin of the first sample's interval [s]."""

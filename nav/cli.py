@@ -65,6 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--format", default="", metavar="LIST", help="also write pos,kml,tum,nav")
     run.set_defaults(command="nav.run_command:run")
 
+    run.add_argument("--smooth", action="store_true", help="smooth: every epoch knows all data")
     run.add_argument(
         "--unchecked", action="store_true", help="navigate even if the data contradict physics"
     )

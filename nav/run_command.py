@@ -26,7 +26,8 @@ DEMO_SEED, DEMO_DURATION = 2, 600.0
 
 def run(arguments: argparse.Namespace) -> None:
     """Navigate a recording."""
-    config = load_config(arguments.config, arguments.set)
+    smooth = ["filter.smooth=true"] if arguments.smooth else []
+    config = load_config(arguments.config, [*arguments.set, *smooth])
     formats = parse_formats(arguments.format)
     navigate_folder(
         arguments.path, config, arguments.out, formats, arguments.start, arguments.end,

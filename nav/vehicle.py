@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from datasets.sequence import Sequence
+from datasets.sequence import Calibration, Odometer
 from filters import constraints
 from filters.ekf import ErrorStateFilter
 from filters.error_model import GYRO_BIAS, VEL
@@ -28,21 +28,19 @@ class VehicleConstraints:
 
     Parameters
     ----------
-    sequence : Sequence
+    calibration : Calibration
     config : VehicleConfig
+    odometer : Odometer, optional
     """
 
-    def __init__(self, sequence: Sequence, config: VehicleConfig) -> None:
-        self.config, self.calibration = config, sequence.calibration
-        mounted = bool(sequence.calibration.mounting_source)
-        odometer = sequence.odometer
+    def __init__(
+        self, calibration: Calibration, config: VehicleConfig, odometer: Odometer | None = None
+    ) -> None:
+        self.config, self.calibration = config, calibration
+        mounted = bool(calibration.mounting_source)
         self.nhc = config.nhc == "on" or (config.nhc == "auto" and mounted)
         wanted = config.odometer == "on" or (config.odometer == "auto" and mounted)
         self.odometer = odometer if wanted and odometer is not None else None
-
-    def times(self, start: float, end: float) -> FloatArray:
-        """Return the times at which constraints are offered."""
-        return np.arange(start + self.config.interval_s, end, self.config.interval_s)
 
     def offered(self, kalman: ErrorStateFilter) -> Iterator[tuple[str, Measurement]]:
         """Yield kind and measurement of what holds now; each is made when it is its turn."""

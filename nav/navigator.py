@@ -1,0 +1,215 @@
+"""Live navigation: IMU samples and GNSS events as they come, the same answers as a batch run.
+
+    navigator = Navigator(calibration, config, imu_interval=0.01)
+    navigator.add_imu(time, gyro_b, accel_b)         # every sample, in order
+    navigator.add_gnss(event)                        # nav.gnss.GnssEvent, when it arrives
+    state = navigator.state                          # NavState, or None before alignment
+
+Until there is an attitude everything is kept; once there is, what was kept is worked off, and
+from then on the filter follows `latency` behind the IMU, so that a fix that takes its time still
+finds it at its epoch; `state` is carried on to the latest sample. An event that arrives later
+than that is logged as late and not used.
+"""
+
+from __future__ import annotations
+
+import heapq
+from itertools import count
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from alignment.initial import LEVEL_WINDOW
+from datasets.sequence import Calibration, Odometer
+from filters.error_model import ErrorModel
+from filters.errors import AlignmentError, DataError
+from filters.rotation import FloatArray
+from filters.sensors import imu_preset
+from filters.strapdown import InertialStream, NavState, integrate
+from nav.config import Config
+from nav.gnss import GnssEvent
+from nav.loop import FilterLoop
+from nav.solution import Update
+from nav.start import find_start, start_filter
+from nav.vehicle import VehicleConstraints
+
+
+class LiveStream(InertialStream):
+    """An inertial stream that grows.
+
+    Parameters
+    ----------
+    interval : float
+        Nominal sample interval [s]; the first sample is taken to cover one.
+    """
+
+    def __init__(self, interval: float) -> None:
+        self.interval, self._count = interval, 0
+        self._edges, self._gyro, self._accel = (
+            np.zeros(1025),
+            np.zeros((1024, 3)),
+            np.zeros((1024, 3)),
+        )
+
+    def append(self, time: float, gyro_b: ArrayLike, accel_b: ArrayLike) -> None:
+        """Add the sample that ends at `time` [s]; refuses time going backwards."""
+        n = self._count
+        if n == 0:
+            self._edges[0] = time - self.interval
+        if not time > self._edges[n]:
+            raise DataError(
+                f"imu: time goes backwards ({self._edges[n]:.6f} s, then {time:.6f} s)",
+                remedy="sort the samples, or leave out the repeated one",
+            )
+        sample = np.concatenate([np.ravel(gyro_b), np.ravel(accel_b)])
+        if sample.shape != (6,) or not np.isfinite(sample).all():
+            raise DataError(f"imu: expected six finite values at {time:.6f} s")
+        if n == self._gyro.shape[0]:
+            self._edges = np.concatenate([self._edges, np.zeros(n)])
+            self._gyro = np.concatenate([self._gyro, np.zeros((n, 3))])
+            self._accel = np.concatenate([self._accel, np.zeros((n, 3))])
+        self._edges[n + 1], self._gyro[n], self._accel[n] = time, sample[:3], sample[3:]
+        self._count = n + 1
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def edges(self) -> FloatArray:  # type: ignore[override]
+        """Interval edges so far."""
+        return self._edges[: self._count + 1]
+
+    @property
+    def gyro(self) -> FloatArray:  # type: ignore[override]
+        """Mean rates so far [rad/s]."""
+        return self._gyro[: self._count]
+
+    @property
+    def accel(self) -> FloatArray:  # type: ignore[override]
+        """Mean specific forces so far [m/s²]."""
+        return self._accel[: self._count]
+
+
+class Navigator:
+    """Loosely coupled navigation of a live vehicle.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    config : Config
+    imu_interval : float
+        Nominal sample interval of the IMU [s].
+    latency : float
+        How late after its epoch GNSS may arrive and is still sure to be used [s].
+    odometer : Odometer, optional
+        Recorded; live odometers are not supported.
+    """
+
+    def __init__(
+        self,
+        calibration: Calibration,
+        config: Config,
+        imu_interval: float,
+        latency: float = 0.5,
+        odometer: Odometer | None = None,
+    ) -> None:
+        self.calibration, self.config, self.latency = calibration, config, latency
+        self.waiting = "no data yet"
+        self._stream = LiveStream(imu_interval)
+        spec = imu_preset(config.filter.imu) if config.filter.imu else calibration.imu
+        self._vehicle = VehicleConstraints(calibration, config.vehicle, odometer)
+        self._model = ErrorModel(
+            spec, config.filter.states, config.filter.bias_model,
+            self._vehicle.odometer is not None,
+        )  # fmt: skip
+        self._kept: list[GnssEvent] = []
+        self._queue: list[tuple[float, str, int, GnssEvent]] = []
+        self._order = count()
+        self._loop: FilterLoop | None = None
+
+    @property
+    def state(self) -> NavState | None:
+        """The estimate at the latest IMU sample, or None before alignment (see `waiting`)."""
+        if self._loop is None:
+            return None
+        kalman = self._loop.kalman
+        if self._stream.end <= kalman.time:
+            return kalman.state
+        first = max(self._stream.index(kalman.time) - 1, 0)
+        bias = kalman.bias
+        recent = InertialStream.of_edges(
+            self._stream.edges[first:],
+            (self._stream.gyro[first:] - bias[0:3]) / (1.0 + bias[6:9]),
+            (self._stream.accel[first:] - bias[3:6]) / (1.0 + bias[9:12]),
+        )
+        row = integrate(recent, kalman.state)[-1]
+        return NavState(row[0], row[1:4], row[4:7], row[7:16].reshape(3, 3))
+
+    def finish(self) -> None:
+        """No more data will come: work off what is left, up to the last IMU sample."""
+        if self._loop is not None:
+            self._work_off(self._stream.end)
+            self._loop.advance(self._stream.end)
+
+    @property
+    def updates(self) -> tuple[Update, ...]:
+        """The log so far."""
+        return tuple(self._loop.updates) if self._loop is not None else ()
+
+    @property
+    def rows(self) -> FloatArray:
+        """Recorded rows so far, as of `filters.ekf.ErrorStateFilter.rows`."""
+        return self._loop.kalman.rows if self._loop is not None else np.zeros((0, 0))
+
+    def add_imu(self, time: float, gyro_b: ArrayLike, accel_b: ArrayLike) -> None:
+        """Take the sample that ends at GPS time `time` [s]: mean rate, mean specific force.
+
+        Raises
+        ------
+        DataError
+            If time does not increase or a value is not finite.
+        """
+        self._stream.append(time, gyro_b, accel_b)
+        if self._loop is not None:
+            self._work_off(time - self.latency)
+
+    def add_gnss(self, event: GnssEvent) -> None:
+        """Take a position, a velocity or Doppler rows."""
+        if self._loop is None:
+            self._kept.append(event)
+            self._try_to_start(event)
+        else:
+            heapq.heappush(self._queue, (event.time, event.kind, next(self._order), event))
+
+    def _try_to_start(self, event: GnssEvent) -> None:
+        """Align once the window around the first motion is complete, and catch up."""
+        if event.kind != "velocity" or event.reason or len(self._stream) < 2:
+            return
+        events = tuple(sorted(self._kept, key=lambda e: (e.time, e.kind)))
+        try:
+            start = find_start(
+                events, self._stream, self.calibration, self.config.alignment, self._model
+            )
+        except AlignmentError as error:
+            self.waiting = str(error)
+            return
+        ready = start.attitude.time + 0.5 * LEVEL_WINDOW + 2.0
+        if start.attitude.method != "given" and event.time < ready:
+            self.waiting = f"levelling: complete at {ready:.1f} s"
+            return
+        kalman = start_filter(
+            start, self._stream, self.calibration, self._model, self.config.filter
+        )
+        self._loop = FilterLoop(kalman, self.calibration, self._vehicle, self.config)
+        self.waiting = ""
+        for kept in events:
+            heapq.heappush(self._queue, (kept.time, kept.kind, next(self._order), kept))
+        self._kept.clear()
+        self._work_off(self._stream.end - self.latency)
+
+    def _work_off(self, until: float) -> None:
+        """Apply what is due by `until` [s]; the steps are those of a batch run."""
+        assert self._loop is not None
+        while self._queue and self._queue[0][0] <= until:
+            self._loop.offer(heapq.heappop(self._queue)[3])
+        self._loop.constrain(until)

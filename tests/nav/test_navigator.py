@@ -1,0 +1,90 @@
+"""Live and batch give the same answers; lateness and disorder are named."""
+
+import numpy as np
+import pytest
+
+from datasets.simulator import SimulationConfig, simulate
+from datasets.trajectory import fixes_from_truth
+from filters.errors import DataError
+from nav.config import from_tables
+from nav.gnss import gnss_timeline
+from nav.navigator import Navigator
+from nav.pipeline import navigate
+
+CONFIG = from_tables({"filter": {"output_rate_hz": 10.0}})
+
+
+@pytest.fixture(scope="module")
+def drive():
+    simulation = simulate(SimulationConfig(seed=6, duration=120.0, density="suburb"))
+    calibration = simulation.calibration
+    epochs = simulation.imu.time[0] + np.arange(0.5, 118.0) + 0.0033
+    fixes = fixes_from_truth(
+        simulation.trajectory, epochs, calibration.lever_antenna_b, 1.0, 0.1,
+        np.random.default_rng(3),
+    )  # fmt: skip
+    return simulation.sequence(fixes=fixes)
+
+
+def feed(drive, delay):
+    """Play a recorded drive into a navigator, GNSS arriving `delay` after its epoch."""
+    events = list(gnss_timeline(drive, CONFIG.gnss).events)
+    navigator = Navigator(drive.calibration, CONFIG, drive.imu.interval)
+    states = []
+    for time, gyro, accel in zip(drive.imu.time, drive.imu.gyro_b, drive.imu.accel_b, strict=True):
+        navigator.add_imu(time, gyro, accel)
+        while events and events[0].time + delay <= time:
+            navigator.add_gnss(events.pop(0))
+        if navigator.state is not None and len(states) < 3000:
+            states.append((time, navigator.state))
+    for event in events:
+        navigator.add_gnss(event)
+    navigator.finish()
+    return navigator, states
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3])
+def test_live_equals_batch(drive, delay):
+    batch = navigate(drive, CONFIG)
+    navigator, _ = feed(drive, delay)
+    rows = navigator.rows
+    at = np.searchsorted(rows[:, 0], batch.trajectory.time - 1e-6)
+    assert len(batch.trajectory) > 500
+    np.testing.assert_allclose(rows[at, 0], batch.trajectory.time, atol=1e-9)
+    np.testing.assert_allclose(rows[at, 1:4], batch.trajectory.pos_e, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(rows[at, 4:7], batch.trajectory.vel_e, rtol=0, atol=1e-9)
+    live = {(u.time, u.kind): u.accepted for u in navigator.updates}
+    assert live == {(u.time, u.kind): u.accepted for u in batch.updates}
+
+
+def test_state_is_carried_on_to_the_latest_sample(drive):
+    _, states = feed(drive, 0.2)
+    time, state = states[-1]
+    assert state.time == pytest.approx(time, abs=1e-6)
+    at = int(np.searchsorted(drive.reference.time, time))
+    assert np.linalg.norm(state.pos_e - drive.reference.pos_e[at]) < 5.0
+
+
+def test_before_alignment_it_says_why_it_waits(drive):
+    navigator = Navigator(drive.calibration, CONFIG, drive.imu.interval)
+    assert navigator.state is None and navigator.waiting == "no data yet"
+    for k in range(1500):
+        navigator.add_imu(drive.imu.time[k], drive.imu.gyro_b[k], drive.imu.accel_b[k])
+    for event in gnss_timeline(drive, CONFIG.gnss).events[:20]:
+        navigator.add_gnss(event)
+    assert "never reaches" in navigator.waiting
+
+
+def test_late_gnss_is_logged_and_not_used(drive):
+    navigator, _ = feed(drive, 1.6)  # latency is 0.5 s, and constraints come every second
+    late = [u for u in navigator.updates if u.reason.startswith("late")]
+    assert late and not any(u.accepted for u in late)
+
+
+def test_disorder_is_refused(drive):
+    navigator = Navigator(drive.calibration, CONFIG, 0.01)
+    navigator.add_imu(10.0, np.zeros(3), np.zeros(3))
+    with pytest.raises(DataError, match="goes backwards"):
+        navigator.add_imu(9.99, np.zeros(3), np.zeros(3))
+    with pytest.raises(DataError, match="six finite values"):
+        navigator.add_imu(10.01, np.full(3, np.nan), np.zeros(3))
