@@ -12,9 +12,9 @@ file only: whoever changes them must touch it.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from alignment.quartic import GRID, GRID_FEATURES, GRID_NEAR, NORM, NULL_GRAMS, Z
+from filters._jit import njit
 
 #: Distinct starts tried before the barrier is asked, and in all.
 FIRST_STARTS, ALL_STARTS = 3, 24

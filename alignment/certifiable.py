@@ -43,7 +43,7 @@ class CertifiedMinimum:
 
 
 @dataclass(frozen=True, eq=False)
-class AlignmentResult:
+class SdpAlignment:
     """The attitude of the local frame, and what is known about it.
 
     Attributes
@@ -107,7 +107,7 @@ def certified_minimum(
 
 def align_sdp(
     problem: AlignmentProblem, *, families: Collection[str] = ALL, vel_sigma: float = 0.0
-) -> AlignmentResult:
+) -> SdpAlignment:
     """Align by the semidefinite relaxation.
 
     Parameters
@@ -121,7 +121,7 @@ def align_sdp(
     solution = certified_minimum(problem.Q, factor=problem.factor, families=families)
     seen = observability(problem.Q, vel_sigma=vel_sigma, information=problem.information)
     C_ew = solution.minimum.C
-    return AlignmentResult(
+    return SdpAlignment(
         _status(solution.certificate.status, seen.geometry),
         C_ew,
         solution.minimum.cost,

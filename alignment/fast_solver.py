@@ -214,10 +214,7 @@ _DEFAULT: list[str] = []
 
 def _default_backend() -> str:
     if not _DEFAULT:
-        try:
-            compiled_kernels()
-        except ImportError:
-            _DEFAULT.append("numpy")
-        else:
-            _DEFAULT.append("numba")
+        from filters._jit import COMPILED
+
+        _DEFAULT.append("numba" if COMPILED else "numpy")
     return _DEFAULT[0]

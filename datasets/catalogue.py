@@ -7,9 +7,19 @@ page, and `datasets.import_archives` arranges what was downloaded.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
-from datasets.great_installation import LEVERS, MEMS_TO_TACTICAL, WEEK_2020
+from datasets.great_installation import (
+    IMU_PRESETS,
+    LEVERS,
+    MEMS_TO_TACTICAL,
+    WEEK_2020,
+    sidecar,
+)
+from filters.errors import ConfigError
 
 #: Where the download links are: section "Data Download" of the Readme.
 PAGE = "https://github.com/GREAT-WHU/GREAT-Dataset"
@@ -123,3 +133,50 @@ def catalogue_text() -> str:
         "Then: certnav datasets import ZIP… --to DIR",
     ]
     return "\n".join(lines)
+
+
+def great_sequence(
+    path: str | Path, name: str, options: Mapping[str, Any]
+) -> tuple[Path, dict[str, Any]]:
+    """Return a sequence's folder, and reader options with what the catalogue knows added.
+
+    Parameters
+    ----------
+    path : path
+        The folder of the sequence, or one that holds ``Dataset_<name>``.
+    name : str
+        As in `GREAT`, however it is spelt.
+    options : mapping
+        What the user has declared; it wins, and so does a ``great.toml`` in the folder.
+
+    Raises
+    ------
+    ConfigError
+        An unknown sequence, or one whose lever arm has to be declared and is not.
+    """
+    known = entry(name)
+    if known is None:
+        raise ConfigError.unknown_key(name, [e.name for e in GREAT], where="--great")
+    path = Path(path)
+    inside = path / f"Dataset_{known.name}"
+    folder = inside if inside.is_dir() else path
+    other = named_in(folder.resolve().name)
+    if other is not None and other != known:
+        raise ConfigError(f"--great {known.name}: the folder is named after {other.name}: {folder}")
+    imu = options.get("imu", "mems")
+    facts: dict[str, Any] = {"week": known.week}
+    if imu in IMU_PRESETS:
+        facts["imu_preset"] = IMU_PRESETS[imu]
+    if ("figure", imu) in LEVERS and known.lever_known:
+        facts["lever"] = "figure"
+    declared = {**sidecar(folder, imu), **options}
+    if "lever_antenna_frd_m" in declared:
+        facts.pop("lever", None)
+    elif "lever" not in declared and "lever" not in facts:
+        raise ConfigError(
+            f"{known.name}: lever arm of the {imu} IMU unknown (no public drawing shows the "
+            "antenna): take it from the dataset's file Extrinsic & Intrinsic Parameters and add "
+            '--set "data.lever=[forward, right, down]" in metres'
+        )
+    new = {key: value for key, value in facts.items() if key not in declared}
+    return folder, {**new, **options}

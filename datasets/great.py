@@ -20,7 +20,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from datasets import gpstime
-from datasets.great_files import SIDECAR, choose_observations, find_files, first_observation
+from datasets.great_files import (
+    SIDECAR,
+    base_stations,
+    choose_observations,
+    find_files,
+    first_observation,
+)
 from datasets.great_installation import (
     IMU_PRESETS,
     Declared,
@@ -59,6 +65,7 @@ def read_great(
     reference_file: str | Path | None = None,
     rinex: str | Path | None = None,
     navigation: Sequence[str | Path] = (),
+    base: str | Path | Sequence[str | Path] = (),
     systems: str = "GREC",
     signals: str = "first",
 ) -> Drive:
@@ -91,6 +98,8 @@ def read_great(
         Files to take where the folder has several or none.
     navigation : sequence of path
         Broadcast ephemerides, where the folder has none.
+    base : path or sequence of path
+        Observations of one base station, where the folder has none or those of several.
     systems, signals : str
         As in `datasets.rtklib.read_observations`.
 
@@ -114,7 +123,7 @@ def read_great(
         week=week,
         gyro_unit=gyro_unit,
     )
-    files = _files(folder, imu, declared, imu_file, reference_file, rinex, navigation)
+    files = _files(folder, imu, declared, imu_file, reference_file, rinex, navigation, base)
     table = read_imu_table(files["imu"])
     trajectory = read_reference_table(files["reference"]) if files["reference"] else None
     found_week = _week(declared.week, table, trajectory, files)
@@ -138,6 +147,9 @@ def read_great(
         "mounting of the IMU in the vehicle: "
         + ("not documented, taken as aligned" if declared.lever_vehicle is None else "declared"),
     ]
+    base_station, base_note = _base_station(files, start, end)
+    if base_note:
+        notes.append(base_note)
     reference = None
     if trajectory is not None:
         reference, more = _reference(declared, imu, found_week, trajectory, lever_b)
@@ -152,6 +164,8 @@ def read_great(
         navigation=tuple(files["navigation"]),
         reference=reference,
         notes=tuple(notes),
+        rover_file=observations_file,
+        base=base_station,
     )
 
 
@@ -182,6 +196,7 @@ def _files(
     reference_file: str | Path | None,
     rinex: str | Path | None,
     navigation: Sequence[str | Path],
+    base: str | Path | Sequence[str | Path],
 ) -> dict[str, Any]:
     """Return the files to read: those named in the call, else those found in the folder."""
     if not folder.is_dir():
@@ -195,11 +210,15 @@ def _files(
     )
     if isinstance(navigation, str | Path):
         navigation = [navigation]
+    if isinstance(base, str | Path):
+        base = [base]
     files = {
         "imu": found.imu,
         "reference": found.reference,
         "observations": [Path(rinex)] if rinex is not None else list(found.observations),
         "navigation": [Path(n) for n in navigation] or list(found.navigation),
+        "base": [Path(b) for b in base],
+        "bases found": found.base,
     }
     for what, option in (("observations", "rinex"), ("navigation", "navigation")):
         if not files[what]:
@@ -209,6 +228,19 @@ def _files(
                 remedy=f"name the files with {option}=…",
             )
     return files
+
+
+def _base_station(files: dict[str, Any], start: float, end: float) -> tuple[tuple[Path, ...], str]:
+    """Return the files of the base station and a note; none where there are several stations."""
+    chosen = tuple(files["base"])
+    if not chosen:
+        stations = base_stations(files["bases found"], start, end)
+        if len(stations) > 1:
+            names = ", ".join(stations)
+            return (), f"several base stations ({names}): for RTK, name the files with base=…"
+        chosen = next(iter(stations.values()), ())
+    names = ", ".join(file.name for file in chosen)
+    return chosen, f"base station {names}: used with gnss.position = 'rtk'" if chosen else ""
 
 
 def _week(

@@ -15,6 +15,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from datasets import gpstime
 from filters.errors import ConfigError, DataError
 
@@ -37,12 +39,15 @@ class GreatFiles:
     observations : tuple of Path
         Rover observation files, all candidates.
     navigation : tuple of Path
+    base : tuple of Path
+        Observation files of base stations, all candidates.
     """
 
     imu: Path
     reference: Path | None
     observations: tuple[Path, ...]
     navigation: tuple[Path, ...]
+    base: tuple[Path, ...] = ()
 
 
 def is_great(folder: Path) -> bool:
@@ -91,6 +96,7 @@ def find_files(
         else _reference_file(folder, reference_point),
         observations=tuple(observations),
         navigation=tuple(navigation),
+        base=tuple(base_files(files)),
     )
 
 
@@ -109,6 +115,50 @@ def rinex_files(files: list[Path]) -> tuple[list[Path], list[Path]]:
         elif kind == "N":
             navigation.append(file)
     return observations, navigation
+
+
+def base_files(files: list[Path]) -> list[Path]:
+    """Return the observation files below a folder whose name contains ``base``."""
+    return [
+        file
+        for file in files
+        if "base" in file.parent.name.lower()
+        and is_rinex_name(file.name)
+        and rinex_kind(file) == "O"
+    ]
+
+
+def base_stations(
+    candidates: tuple[Path, ...], start: float, end: float
+) -> dict[str, tuple[Path, ...]]:
+    """Return the files that may hold observations between `start` and `end` [s], by station."""
+    begins = sorted((first_observation(file), file) for file in candidates)
+    # Quarter-hour files as well as daily ones: a file ends where the station's next one begins.
+    stations: dict[str, list[tuple[float, Path]]] = {}
+    for at, file in begins:
+        stations.setdefault(_marker(file), []).append((at, file))
+    found = {}
+    for name, listed in stations.items():
+        until = [*(at for at, _ in listed[1:]), np.inf]
+        there = [
+            file
+            for (at, file), stop in zip(listed, until, strict=True)
+            if start - 86400.0 <= at <= end and stop >= start
+        ]
+        if there:
+            found[name] = tuple(there)
+    return found
+
+
+def _marker(path: Path) -> str:
+    with path.open(encoding="ascii", errors="replace") as stream:
+        for line in stream:
+            label = line[60:80].strip().upper()
+            if label == "MARKER NAME":
+                return line[:60].strip() or path.name
+            if label == "END OF HEADER":
+                break
+    return path.name
 
 
 def is_rinex_name(name: str) -> bool:

@@ -74,8 +74,7 @@ def read_declared(folder: Path, imu: str, **arguments: Any) -> Declared:
     ``lever_antenna_frd_m`` for a vector. Its vectors, its noise model and 'imu' as the reference
     point are meant for the MEMS IMU; for the tactical one they have to be given in the call.
     """
-    sidecar = _sidecar(folder, imu)
-    given = {**sidecar, **{key: v for key, v in arguments.items() if v is not None}}
+    given = {**sidecar(folder, imu), **{key: v for key, v in arguments.items() if v is not None}}
     lever = given.get("lever", given.get("lever_antenna_frd_m"))
     if lever is None:
         raise ConfigError(
@@ -124,7 +123,8 @@ def _optional_vector(key: str, given: Mapping[str, Any]) -> FloatArray | None:
     return _vector(key, given[key]) if key in given else None
 
 
-def _sidecar(folder: Path, imu: str) -> Mapping[str, Any]:
+def sidecar(folder: Path, imu: str) -> Mapping[str, Any]:
+    """Return what ``great.toml`` declares for that IMU; nothing where there is none."""
     file = folder / SIDECAR
     if not file.is_file():
         return {}

@@ -2,10 +2,10 @@
 
 ``IMU/MEMS_imu_data.txt`` and ``IMU/Tactical_imu_data.txt`` (sow, deg/s, m/s², right-forward-up),
 ``Groundtruth/groundtruth.txt`` (Inertial Explorer, ECEF and geodetic, no Easting),
-``GNSS/Rover/*.O`` (RINEX 3.02) and ``GNSS/Product/*.rnx`` (RINEX 3.04 navigation), and
-``great.toml``, which declares what the files themselves do not: week, units, lever arm. The
-reference is of the MEMS IMU's centre; its attitude is the vehicle's, as the tactical IMU is
-aligned with the vehicle.
+``GNSS/Rover/*.O`` (RINEX 3.02), ``GNSS/Base/*.o`` where a base station is simulated,
+``GNSS/Product/*.rnx`` (RINEX 3.04 navigation), and ``great.toml``, which declares what the files
+themselves do not: week, units, lever arm. The reference is of the MEMS IMU's centre; its attitude
+is the vehicle's, as the tactical IMU is aligned with the vehicle.
 
 Digits: times lie on a grid of 10 µs, so five decimals are exact; 1e-10 deg/s and 1e-10 m/s² are
 far below any noise, also summed over an hour. RINEX gives 1 mm and 1 mHz (0.2 mm/s); the
@@ -130,6 +130,15 @@ def write_great(simulation: Simulation, folder: Path) -> None:
     )
     rover = folder / "GNSS" / "Rover" / f"SEPT{day:03d}0.{date.year % 100:02d}O"
     write_observations(rover, simulation.observations, 1.0 / config.gnss_rate)
+    if simulation.base is not None:
+        (folder / "GNSS/Base").mkdir()
+        write_observations(
+            folder / "GNSS" / "Base" / f"BASE{day:03d}0.{date.year % 100:02d}o",
+            simulation.base.observations,
+            1.0 / config.gnss_rate,
+            marker="BASE",
+            position_e=simulation.base.pos_e,
+        )
     product = f"BRDC00SIM_R_{date.year}{day:03d}0000_01D_GN.rnx"
     write_navigation(folder / "GNSS" / "Product" / product, simulation.ephemerides, start, end)
     (folder / SIDECAR).write_text(_sidecar(simulation), encoding="utf-8")
@@ -179,11 +188,18 @@ def _dms(angle: float) -> str:
     return f"{'-' if angle < 0 else ''}{degree} {minute} {micro / 1e6:.6f}"
 
 
-def write_observations(path: Path, observations: GnssObservations, interval: float) -> None:
+def write_observations(
+    path: Path,
+    observations: GnssObservations,
+    interval: float,
+    *,
+    marker: str = "SEPT",
+    position_e: FloatArray | None = None,
+) -> None:
     """Write RINEX 3.02 observations: GPS C1C L1C D1C S1C, one line per satellite and epoch.
 
-    Epochs without a satellite are left out, as receivers do. No approximate position is given:
-    the 2020 GREAT files have none.
+    Epochs without a satellite are left out, as receivers do. A position is given for base
+    stations only: the 2020 GREAT files have none of the rover.
     """
 
     if not len(observations):
@@ -196,10 +212,15 @@ def write_observations(path: Path, observations: GnssObservations, interval: flo
     lines = [
         label(f"{'3.02':>9}{'':11}{'OBSERVATION DATA':<20}{'G':<20}", "RINEX VERSION / TYPE"),
         label("certnav simulator", "PGM / RUN BY / DATE"),
-        label("SEPT", "MARKER NAME"),
+        label(marker, "MARKER NAME"),
         label("", "OBSERVER / AGENCY"),
         label(f"{'0':<20}{'SIMULATED':<20}{'':<20}", "REC # / TYPE / VERS"),
         label(f"{'0':<20}{'SIMULATED':<20}", "ANT # / TYPE"),
+        *(
+            [label("".join(f"{x:14.4f}" for x in position_e), "APPROX POSITION XYZ")]
+            if position_e is not None
+            else []
+        ),
         label(f"{0.0:14.4f}{0.0:14.4f}{0.0:14.4f}", "ANTENNA: DELTA H/E/N"),
         label("G    4 C1C L1C D1C S1C", "SYS / # / OBS TYPES"),
         label(f"{interval:10.3f}", "INTERVAL"),

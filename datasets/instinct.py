@@ -93,6 +93,7 @@ def read_spirent(
         calibration=Calibration(spec, np.zeros(3), "simulated: antenna at the vehicle point"),
         observations=rtklib.read_observations(files[0], navigation, systems=systems),
         navigation=navigation,
+        rover_file=files[0],
         reference=reference,
         notes=(
             made + (", error-free" if seed is None else f", {spec.name} errors, seed {seed}"),

@@ -73,7 +73,7 @@ def read_declared(path: str | Path) -> Sequence:
     C_bv = mounting(declared)
     spec = imu_spec(declared)
     imu, imu_notes = _imu(declared)
-    observations, navigation = _rinex(declared)
+    observations, navigation, rover = _rinex(declared)
     fixes, fix_notes = _fixes(declared)
     if observations is None and fixes is None:
         raise ConfigError(
@@ -106,6 +106,7 @@ def read_declared(path: str | Path) -> Sequence:
         odometer=_odometer(declared),
         reference=reference,
         time_scale="relative" if relative else "gps",
+        rover_file=rover,
         notes=(
             *imu_notes,
             *physics_notes,
@@ -174,10 +175,12 @@ def _imu(declared: Declaration) -> tuple[ImuData, list[str]]:
     return ImuData(time, *parts), notes
 
 
-def _rinex(declared: Declaration) -> tuple[GnssObservations | None, tuple[Path, ...]]:
+def _rinex(
+    declared: Declaration,
+) -> tuple[GnssObservations | None, tuple[Path, ...], Path | None]:
     section = declared.section("rinex")
     if section is None:
-        return None, ()
+        return None, (), None
     from datasets.rinex_packing import plain_rinex
     from datasets.rtklib import read_observations
 
@@ -188,13 +191,14 @@ def _rinex(declared: Declaration) -> tuple[GnssObservations | None, tuple[Path, 
     if not files or not all(isinstance(f, str) for f in files):
         raise section.missing('navigation = ["brdc.nav"]', "broadcast ephemerides")
     navigation = tuple(plain_rinex(home / f) for f in files)
+    rover = plain_rinex(home / name)
     observations = read_observations(
-        plain_rinex(home / name),
+        rover,
         navigation,
         systems=section.text("systems", "", default="GREC"),
         signals=section.choice("signals", ("first", "all"), "", default="first"),
     )
-    return observations, navigation
+    return observations, navigation, rover
 
 
 def _fixes(declared: Declaration) -> tuple[GnssFixes | None, list[str]]:

@@ -442,6 +442,9 @@ class Sequence:
     navigation : tuple of Path
         Broadcast ephemeris files that belong to `observations`; empty when single-point
         positioning is not possible.
+    rover_file, base : Path, tuple of Path
+        RINEX file behind `observations`, and those of a base station, for relative positioning;
+        None and empty where there are none.
     fixes : GnssFixes, optional
         Positions the set carries.
     odometer : Odometer, optional
@@ -462,6 +465,8 @@ class Sequence:
     reference: Reference | None = None
     time_scale: str = "gps"
     notes: tuple[str, ...] = ()
+    rover_file: Path | None = None
+    base: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         if self.observations is None and self.fixes is None:

@@ -9,10 +9,12 @@ receiver time. No range-rate formula enters, so an estimator's formula can be te
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from datasets import gpstime
@@ -118,11 +120,19 @@ def range_rate_sigma(cn0: FloatArray) -> FloatArray:
     return np.hypot(0.02, 0.3 * 10.0 ** ((25.0 - cn0) / 20.0))
 
 
+class Motion(Protocol):
+    """What a range asks of a trajectory: ECEF positions of a point on it."""
+
+    def kinematics(
+        self, time: ArrayLike, lever_b: ArrayLike = ..., offset: ArrayLike = ...
+    ) -> Any: ...
+
+
 @dataclass(frozen=True, eq=False)
 class _Link:
     """Everything a range depends on, for n reception epochs and m satellites."""
 
-    trajectory: Trajectory
+    trajectory: Motion
     lever_b: FloatArray
     clock: ReceiverClock
     ephemerides: Ephemerides
@@ -132,7 +142,7 @@ class _Link:
     def antenna_e(self, offset: float) -> FloatArray:
         """Return the antenna when the receiver's clock shows ``time + offset``, shape (n, 3)."""
         true_offset = offset - self.clock.bias(self.time, offset)
-        return self.trajectory.kinematics(self.time, self.lever_b, true_offset).pos_e
+        return np.asarray(self.trajectory.kinematics(self.time, self.lever_b, true_offset).pos_e)
 
     def transmit(self, receiver_e: FloatArray, offset: float) -> tuple[FloatArray, ...]:
         """Solve the light-time equation for receivers of shape (n, m, 3) or (n, 1, 3).
@@ -223,20 +233,55 @@ def observe(
     """
     link = _Link(trajectory, lever_b, clock, ephemerides, time, atmosphere)
     antenna_e = link.antenna_e(0.0)
-    _, sent, satellite_e, sat_clock = link.transmit(antenna_e[:, None], 0.0)
+    _, _, satellite_e, _ = link.transmit(antenna_e[:, None], 0.0)
     azimuth, elevation = link.angles(satellite_e, antenna_e)
     antenna_t = (antenna_e - trajectory.origin_e) @ trajectory.C_et
     index = drive.block_at(time - clock.start)
     sight = city.sight(drive.blocks, index, antenna_t, azimuth, np.maximum(elevation, 0.0))
+    # Facades are known in the trajectory's axes; signals travel in ECEF.
+    walls = replace(
+        sight,
+        wall_point=trajectory.origin_e + sight.wall_point @ trajectory.C_et.T,
+        wall_normal=sight.wall_normal @ trajectory.C_et.T,
+    )
+    return _receive(link, walls, rng, noise)
+
+
+def observe_open_sky(
+    motion: Motion,
+    ephemerides: Ephemerides,
+    clock: ReceiverClock,
+    time: FloatArray,
+    rng: np.random.Generator,
+    *,
+    noise: bool = True,
+    atmosphere: bool = True,
+) -> GnssObservations:
+    """Return GPS L1 C/A observations with nothing in the way; parameters as in `observe`."""
+    link = _Link(motion, np.zeros(3), clock, ephemerides, time, atmosphere)
+    shape = (time.size, len(ephemerides.sat))
+    nothing = np.zeros((*shape, 3))
+    free = Sight(np.zeros(shape), np.zeros(shape, bool), np.zeros(shape), nothing, nothing)
+    return _receive(link, free, rng, noise)[0]
+
+
+def _receive(
+    link: _Link, sight: Sight, rng: np.random.Generator, noise: bool
+) -> tuple[GnssObservations, SignalTruth]:
+    """Return what a receiver makes of the signals; the walls of `sight` are in ECEF."""
+    ephemerides, time = link.ephemerides, link.time
+    antenna_e = link.antenna_e(0.0)
+    _, sent, satellite_e, sat_clock = link.transmit(antenna_e[:, None], 0.0)
+    azimuth, elevation = link.angles(satellite_e, antenna_e)
     cn0, reflected = _power(elevation, sight, rng, noise)
     tracked = (elevation > ELEVATION_MASK) & (cn0 >= TRACKING_THRESHOLD)
 
     direct = _differentiate(link.measure)
     values = direct
     if reflected.any():
-        wall_e = trajectory.origin_e + sight.wall_point @ trajectory.C_et.T
-        mirror = (wall_e, sight.wall_normal @ trajectory.C_et.T)
-        bounced = _differentiate(partial(link.measure, mirror=mirror))
+        bounced = _differentiate(
+            partial(link.measure, mirror=(sight.wall_point, sight.wall_normal))
+        )
         values = tuple(np.where(reflected, b, d) for b, d in zip(bounced, direct, strict=True))
     extra = [v - d for v, d in zip(values, direct, strict=True)]
     pseudorange, carrier, rate = values

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from datasets import gpstime
+from datasets.base_station import BaseStation, base_position, simulate_base
 from datasets.constellation import Ephemerides, draw_constellation
 from datasets.sequence import (
     Calibration,
@@ -75,6 +76,8 @@ class SimulationConfig:
         Middle of the rear axle to IMU, vehicle axes [m].
     mounting_rpy_deg : (float, float, float)
         Roll, pitch, heading of the IMU in the vehicle [deg].
+    base_distance_m : float, optional
+        A base station stands so far from the beginning [m]; default: there is none.
     """
 
     name: str = "simulated"
@@ -97,6 +100,7 @@ class SimulationConfig:
     lever_antenna_b: tuple[float, float, float] = LEVER_ANTENNA
     lever_imu_v: tuple[float, float, float] = (0.5, 0.0, -1.4)
     mounting_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    base_distance_m: float | None = None
 
     def __post_init__(self) -> None:
         for key in ("duration", "imu_rate", "gnss_rate", "reference_rate"):
@@ -108,6 +112,10 @@ class SimulationConfig:
             raise ConfigError(f"static_start: expected ≥ 0 s, found {self.static_start:g}")
         if not 0.0 <= self.nlos_probability <= 1.0:
             raise ConfigError(f"nlos_probability: expected 0…1, found {self.nlos_probability:g}")
+        if self.base_distance_m is not None and not 0.0 <= self.base_distance_m <= 50e3:
+            raise ConfigError(
+                f"base_distance_m: expected 0 … 50000 m, found {self.base_distance_m:g}"
+            )
         if self.start.tzinfo is not None or self.start.microsecond:
             raise ConfigError("start: expected GPS time without time zone, on a whole second")
         if self.density not in DENSITIES:
@@ -142,6 +150,7 @@ class Simulation:
     reference : Reference
         The IMU's true motion.
     calibration : Calibration
+    base : BaseStation, optional
     """
 
     config: SimulationConfig
@@ -156,6 +165,7 @@ class Simulation:
     clock: ReceiverClock
     reference: Reference
     calibration: Calibration
+    base: BaseStation | None = None
 
     def sequence(
         self, fixes: GnssFixes | None = None, navigation: tuple[Path, ...] = ()
@@ -195,7 +205,7 @@ class Simulation:
         return ImuData(imu.time, imu.gyro_b @ tr.C_bv, imu.accel_b @ tr.C_bv)
 
 
-_STREAMS = ("route", "sky", "clock", "signals", "imu", "tactical")
+_STREAMS = ("route", "sky", "clock", "signals", "imu", "tactical", "base")
 
 
 def _stream(config: SimulationConfig, part: str) -> np.random.Generator:
@@ -271,6 +281,22 @@ def simulate(config: SimulationConfig) -> Simulation:
         clock=clock,
         reference=trajectory.reference(sample_times(config, config.reference_rate)),
         calibration=_calibration(spec, lever_b, trajectory),
+        base=_base(config, ephemerides),
+    )
+
+
+def _base(config: SimulationConfig, ephemerides: Ephemerides) -> BaseStation | None:
+    if config.base_distance_m is None:
+        return None
+    time = sample_times(config, config.gnss_rate)
+    return simulate_base(
+        base_position(config.origin_deg, config.base_distance_m),
+        ephemerides,
+        time,
+        _stream(config, "base"),
+        noise=config.noise,
+        atmosphere=config.atmosphere,
+        clock=None if config.receiver_clock else ReceiverClock.perfect(time[0], config.duration),
     )
 
 

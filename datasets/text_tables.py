@@ -141,7 +141,7 @@ def _parse_fast(body, columns, numeric, text, exact, separator) -> pd.DataFrame 
     types = dict.fromkeys(range(width), str) | wanted
     try:
         frame = pd.read_csv(
-            io.StringIO("\n".join(body)),
+            io.BytesIO("\n".join(body).encode()),  # a StringIO would hold four bytes a character
             engine="c",
             sep=separator or r"\s+",
             header=None,

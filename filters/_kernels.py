@@ -11,8 +11,8 @@ gyro and accelerometer scale factors; any further state is a constant.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from filters._jit import njit
 from filters.earth import EARTH_RATE, GM, J2, SEMI_MAJOR_AXIS
 
 # Columns of a recorded row.
@@ -54,9 +54,9 @@ def _attitude_step(C, rotvec, dt, R, work):
     """C ← exp(−ω_ie dt) C R with R = exp(rotvec), in place; R leaves with the body's turn."""
     x, y, z = rotvec[0], rotvec[1], rotvec[2]
     n2 = x * x + y * y + z * z
-    if n2 < 1e-8:
-        a = 1.0 - n2 / 6.0
-        b = 0.5 - n2 / 24.0
+    if n2 < 1e-3:  # the series is exact to rounding here, and free of cancellation
+        a = 1.0 - n2 / 6.0 * (1.0 - n2 / 20.0 * (1.0 - n2 / 42.0))
+        b = 0.5 - n2 / 24.0 * (1.0 - n2 / 30.0 * (1.0 - n2 / 56.0))
     else:
         n = np.sqrt(n2)
         a = np.sin(n) / n
@@ -154,63 +154,133 @@ def _gravity_gradient(p, G):
 
 
 @njit(cache=True)
-def _transition(x, out, n, dt, G, dv_b, C, R, omega, force, scale, decay_gyro, decay_accel):
-    """Apply the transition matrix to one error vector: out = Φ x.
+def linearise(F, dt, G, dv_b, C, R, omega, force, inverse_scale, decay_gyro, decay_accel):
+    """Write what one step's transition matrix is made of to F, in 3×3 blocks.
 
-    C is the attitude before the step, R the turn over it; `scale` holds the scale factors.
+    C is the attitude before the step, R the turn over it, `inverse_scale` holds 1/(1 + scale)
+    of gyro and accelerometer. Blocks of F: 0 dt·∂g/∂p; 1 velocity by attitude, C[Δv×];
+    2 velocity by accelerometer error, −dt·C/(1 + s); 3 attitude by attitude, Rᵀ;
+    4 rows: −dt/(1 + s) of the gyro, ω, f; 5: dt, bias decay of gyro and of accelerometer.
     """
-    w = EARTH_RATE * dt
-    p0, p1, p2, v0, v1, v2, f0, f1, f2 = x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8]
-    g0, g1, g2, a0, a1, a2 = x[9], x[10], x[11], x[12], x[13], x[14]
-    out[9], out[10], out[11] = decay_gyro * g0, decay_gyro * g1, decay_gyro * g2
-    out[12], out[13], out[14] = decay_accel * a0, decay_accel * a1, decay_accel * a2
-    for i in range(15, n):  # scale factors and whatever else is constant
-        out[i] = x[i]
-    if n >= 21:
-        g0 += omega[0] * x[15]
-        g1 += omega[1] * x[16]
-        g2 += omega[2] * x[17]
-        a0 += force[0] * x[18]
-        a1 += force[1] * x[19]
-        a2 += force[2] * x[20]
-    # Velocity increment that is missed, in body axes: φ × Δv − δf Δt.
-    a0 = f1 * dv_b[2] - f2 * dv_b[1] - dt * a0 / (1.0 + scale[3])
-    a1 = f2 * dv_b[0] - f0 * dv_b[2] - dt * a1 / (1.0 + scale[4])
-    a2 = f0 * dv_b[1] - f1 * dv_b[0] - dt * a2 / (1.0 + scale[5])
-    n0 = v0 + 2.0 * w * v1 + C[0, 0] * a0 + C[0, 1] * a1 + C[0, 2] * a2
-    n1 = v1 - 2.0 * w * v0 + C[1, 0] * a0 + C[1, 1] * a1 + C[1, 2] * a2
-    n2 = v2 + C[2, 0] * a0 + C[2, 1] * a1 + C[2, 2] * a2
-    n0 += dt * (G[0, 0] * p0 + G[0, 1] * p1 + G[0, 2] * p2)
-    n1 += dt * (G[1, 0] * p0 + G[1, 1] * p1 + G[1, 2] * p2)
-    n2 += dt * (G[2, 0] * p0 + G[2, 1] * p1 + G[2, 2] * p2)
-    out[0] = p0 + 0.5 * dt * (v0 + n0)
-    out[1] = p1 + 0.5 * dt * (v1 + n1)
-    out[2] = p2 + 0.5 * dt * (v2 + n2)
-    out[3], out[4], out[5] = n0, n1, n2
-    out[6] = R[0, 0] * f0 + R[1, 0] * f1 + R[2, 0] * f2 - dt * g0 / (1.0 + scale[0])
-    out[7] = R[0, 1] * f0 + R[1, 1] * f1 + R[2, 1] * f2 - dt * g1 / (1.0 + scale[1])
-    out[8] = R[0, 2] * f0 + R[1, 2] * f1 + R[2, 2] * f2 - dt * g2 / (1.0 + scale[2])
+    x, y, z = dv_b[0], dv_b[1], dv_b[2]
+    for i in range(3):
+        F[1, i, 0] = C[i, 2] * y - C[i, 1] * z
+        F[1, i, 1] = C[i, 0] * z - C[i, 2] * x
+        F[1, i, 2] = C[i, 1] * x - C[i, 0] * y
+        for j in range(3):
+            F[0, i, j] = dt * G[i, j]
+            F[2, i, j] = -dt * C[i, j] * inverse_scale[3 + j]
+            F[3, i, j] = R[j, i]
+        F[4, 0, i] = -dt * inverse_scale[i]
+        F[4, 1, i] = omega[i]
+        F[4, 2, i] = force[i]
+    F[5, 0, 0], F[5, 0, 1], F[5, 0, 2] = dt, decay_gyro, decay_accel
 
 
 @njit(cache=True)
-def covariance_step(P, A, dt, G, dv_b, C, R, omega, force, scale, noise):
-    """P ← Φ P Φᵀ + Q in place; P symmetric, A scratch of the same shape.
+def transition(F, X, Y):
+    """Y ← the first nine rows of Φ X: the others of Φ are diagonal (bias decay, or 1).
 
-    `noise`: densities squared of gyro, accelerometer, gyro bias walk, accelerometer bias walk,
-    then the inverse correlation times of both biases.
+    One pass over the columns, next to each other in memory: four of them fit a vector register.
+    Both arrays have as many columns; X has a row per state.
     """
-    n = P.shape[0]
-    dg, da = np.exp(-dt * noise[4]), np.exp(-dt * noise[5])
-    for j in range(n):  # rows of A are Φ applied to the columns of P: A = (Φ P)ᵀ
-        _transition(P[j], A[j], n, dt, G, dv_b, C, R, omega, force, scale, dg, da)
-    for i in range(n):
-        for j in range(i):
-            A[i, j], A[j, i] = A[j, i], A[i, j]
-    for i in range(n):
-        _transition(A[i], P[i], n, dt, G, dv_b, C, R, omega, force, scale, dg, da)
-    for i in range(n):
-        for j in range(i):
-            P[i, j] = P[j, i]
+    dt = F[5, 0, 0]
+    half, w2 = 0.5 * dt, 2.0 * EARTH_RATE * dt
+    g00, g01, g02 = F[0, 0, 0], F[0, 0, 1], F[0, 0, 2]
+    g11, g12, g22 = F[0, 1, 1], F[0, 1, 2], F[0, 2, 2]
+    m00, m01, m02 = F[1, 0, 0], F[1, 0, 1], F[1, 0, 2]
+    m10, m11, m12 = F[1, 1, 0], F[1, 1, 1], F[1, 1, 2]
+    m20, m21, m22 = F[1, 2, 0], F[1, 2, 1], F[1, 2, 2]
+    c00, c01, c02 = F[2, 0, 0], F[2, 0, 1], F[2, 0, 2]
+    c10, c11, c12 = F[2, 1, 0], F[2, 1, 1], F[2, 1, 2]
+    c20, c21, c22 = F[2, 2, 0], F[2, 2, 1], F[2, 2, 2]
+    r00, r01, r02 = F[3, 0, 0], F[3, 0, 1], F[3, 0, 2]
+    r10, r11, r12 = F[3, 1, 0], F[3, 1, 1], F[3, 1, 2]
+    r20, r21, r22 = F[3, 2, 0], F[3, 2, 1], F[3, 2, 2]
+    d0, d1, d2 = F[4, 0, 0], F[4, 0, 1], F[4, 0, 2]
+    for j in range(X.shape[1]):
+        p0, p1, p2 = X[0, j], X[1, j], X[2, j]
+        v0, v1, v2 = X[3, j], X[4, j], X[5, j]
+        f0, f1, f2 = X[6, j], X[7, j], X[8, j]
+        a0, a1, a2 = X[12, j], X[13, j], X[14, j]
+        n0 = v0 + w2 * v1 + g00 * p0 + g01 * p1 + g02 * p2
+        n1 = v1 - w2 * v0 + g01 * p0 + g11 * p1 + g12 * p2
+        n2 = v2 + g02 * p0 + g12 * p1 + g22 * p2
+        # Velocity increment that is missed: C(φ × Δv − δf Δt).
+        n0 += m00 * f0 + m01 * f1 + m02 * f2 + c00 * a0 + c01 * a1 + c02 * a2
+        n1 += m10 * f0 + m11 * f1 + m12 * f2 + c10 * a0 + c11 * a1 + c12 * a2
+        n2 += m20 * f0 + m21 * f1 + m22 * f2 + c20 * a0 + c21 * a1 + c22 * a2
+        Y[3, j], Y[4, j], Y[5, j] = n0, n1, n2
+        Y[0, j] = p0 + half * (v0 + n0)
+        Y[1, j] = p1 + half * (v1 + n1)
+        Y[2, j] = p2 + half * (v2 + n2)
+        Y[6, j] = r00 * f0 + r01 * f1 + r02 * f2 + d0 * X[9, j]
+        Y[7, j] = r10 * f0 + r11 * f1 + r12 * f2 + d1 * X[10, j]
+        Y[8, j] = r20 * f0 + r21 * f1 + r22 * f2 + d2 * X[11, j]
+    if X.shape[0] >= 21:
+        _scale_part(F, X, Y)
+
+
+@njit(cache=True)
+def _scale_part(F, X, Y):
+    """Add to Y what the scale factors do: a rate error of ω δs_g, a force error of f δs_a."""
+    half = 0.5 * F[5, 0, 0]
+    d0, d1, d2 = F[4, 0, 0] * F[4, 1, 0], F[4, 0, 1] * F[4, 1, 1], F[4, 0, 2] * F[4, 1, 2]
+    f0, f1, f2 = F[4, 2, 0], F[4, 2, 1], F[4, 2, 2]
+    c00, c01, c02 = F[2, 0, 0] * f0, F[2, 0, 1] * f1, F[2, 0, 2] * f2
+    c10, c11, c12 = F[2, 1, 0] * f0, F[2, 1, 1] * f1, F[2, 1, 2] * f2
+    c20, c21, c22 = F[2, 2, 0] * f0, F[2, 2, 1] * f1, F[2, 2, 2] * f2
+    for j in range(X.shape[1]):
+        s0, s1, s2 = X[18, j], X[19, j], X[20, j]
+        n0 = c00 * s0 + c01 * s1 + c02 * s2
+        n1 = c10 * s0 + c11 * s1 + c12 * s2
+        n2 = c20 * s0 + c21 * s1 + c22 * s2
+        Y[0, j] += half * n0
+        Y[1, j] += half * n1
+        Y[2, j] += half * n2
+        Y[3, j] += n0
+        Y[4, j] += n1
+        Y[5, j] += n2
+        Y[6, j] += d0 * X[15, j]
+        Y[7, j] += d1 * X[16, j]
+        Y[8, j] += d2 * X[17, j]
+
+
+@njit(cache=True)
+def covariance_step(P, F, Y, Z, Y9, noise):
+    """P ← Φ P Φᵀ + Q in place; P symmetric with a row per state, wider by any padding.
+
+    Φ is diagonal but for nine rows, so Y = (ΦP)₀…₈ and Y9 = (Φ Yᵀ)₀…₈ are all the work there is.
+    Scratch: Y (9 × width of P), Z (n × at least 9) and Y9 (9 × width of Z). `F` is of
+    `linearise`. `noise`: densities squared of gyro, accelerometer, gyro bias walk, accelerometer
+    bias walk, then the inverse correlation times of both biases.
+    """
+    n, dt, dg, da = P.shape[0], F[5, 0, 0], F[5, 0, 1], F[5, 0, 2]
+    transition(F, P, Y)
+    for i in range(9):
+        for j in range(n):
+            Z[j, i] = Y[i, j]
+    transition(F, Z, Y9)
+    for i in range(9):
+        for j in range(i, 9):
+            P[i, j] = Y9[i, j]
+            P[j, i] = Y9[i, j]
+    if dg != 1.0 or da != 1.0:
+        for j in range(9, 15):
+            d = dg if j < 12 else da
+            for i in range(9):
+                Y[i, j] *= d
+                Z[j, i] *= d
+            for i in range(9, n):
+                P[i, j] *= d
+            for i in range(9, n):
+                P[j, i] *= d
+    for i in range(9):
+        for j in range(9, n):
+            P[i, j] = Y[i, j]
+    for j in range(9, n):
+        for i in range(9):
+            P[j, i] = Z[j, i]
     for i in range(3):
         P[6 + i, 6 + i] += noise[0] * dt
         P[3 + i, 3 + i] += noise[1] * dt
@@ -242,7 +312,7 @@ def record(row, t, pos, vel, C, bias, P):
 
 
 @njit(cache=True)
-def _sample(rates, k, edges, offset, bias, scale, mean, slope):
+def _sample(rates, k, edges, offset, bias, inverse_scale, mean, slope):
     """Mean rate at `offset` from the middle of sample k and its slope, corrected.
 
     The rate is taken as linear within a sample, with the slope to the sample before: pieces of
@@ -251,10 +321,11 @@ def _sample(rates, k, edges, offset, bias, scale, mean, slope):
     width = edges[k + 1] - edges[k]
     before = edges[k] - edges[k - 1] if k > 0 else width
     usable = k > 0 and 0.5 * width < before < 2.0 * width
+    per_second = 2.0 / (width + before) if usable else 0.0
     for i in range(3):
-        s = (rates[k, i] - rates[k - 1, i]) / (0.5 * (width + before)) if usable else 0.0
-        slope[i] = s / (1.0 + scale[i])
-        mean[i] = (rates[k, i] + s * offset - bias[i]) / (1.0 + scale[i])
+        s = (rates[k, i] - rates[k - 1, i]) * per_second if usable else 0.0
+        slope[i] = s * inverse_scale[i]
+        mean[i] = (rates[k, i] + s * offset - bias[i]) * inverse_scale[i]
 
 
 @njit(cache=True)
@@ -270,7 +341,7 @@ def advance(
     k : sample that contains `now`
     bias : (12,) gyro bias, accelerometer bias, gyro scale, accelerometer scale
     P : (n, n) covariance; an empty array propagates the state alone
-    phi : (n, n) columns of the transition matrix so far, as rows; empty: not wanted
+    phi : (n, n) transition matrix so far; an empty array: not wanted
     noise : (6,) see covariance_step
     rows : (r, ROW_SIZE) output; next_row : (2,) next free row, next time to record
     period : [s] spacing of recorded rows; ≤ 0 records every sample
@@ -282,16 +353,24 @@ def advance(
     """
     n = P.shape[0]
     with_covariance = n > 0
-    A = np.empty((n, n))
-    G = np.zeros((3, 3))
-    C_before = np.empty((3, 3))
-    R = np.empty((3, 3))
+    with_phi = phi.shape[0] > 0
+    # Rows padded to whole vector registers: no remainder to treat one by one.
+    width = 4 * ((n + 3) // 4)
+    W, Y = np.zeros((n, width)), np.empty((9, width))
+    Z, Y9 = np.zeros((n, 12)), np.empty((9, 12))
+    T = np.zeros((n, width)) if with_phi else np.zeros((0, 0))
+    W[:, :n] = P
+    if with_phi:
+        T[:, :n] = phi
+    F, G = np.zeros((6, 3, 3)), np.zeros((3, 3))
+    C_before, R, work = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     v = np.empty((5, 3))
-    work = np.empty((3, 3))
     omega, force = np.zeros(3), np.zeros(3)
     omega_slope, force_slope = np.zeros(3), np.zeros(3)
-    bg, ba, sg, sa = bias[0:3], bias[3:6], bias[6:9], bias[9:12]
-    scale = bias[6:12]
+    bg, ba = bias[0:3], bias[3:6]
+    inverse = 1.0 / (1.0 + bias[6:12])
+    inverse_g, inverse_a = inverse[0:3], inverse[3:6]
+    dg, da = 1.0, 1.0
     last = gyro.shape[0]
     steps = 0
     if with_covariance:
@@ -302,26 +381,29 @@ def advance(
         dt = b - now
         if dt > _INTERVAL_TOLERANCE:
             offset = 0.5 * (now + b) - 0.5 * (edges[k] + end)
-            _sample(gyro, k, edges, offset, bg, sg, omega, omega_slope)
-            _sample(accel, k, edges, offset, ba, sa, force, force_slope)
+            _sample(gyro, k, edges, offset, bg, inverse_g, omega, omega_slope)
+            _sample(accel, k, edges, offset, ba, inverse_a, force, force_slope)
+            if noise[4] > 0.0:
+                dg = np.exp(-dt * noise[4])
+            if noise[5] > 0.0:
+                da = np.exp(-dt * noise[5])
             for i in range(3):
                 for j in range(3):
                     C_before[i, j] = C[i, j]
             strapdown_step(pos, vel, C, omega, force, omega_slope, force_slope, dt, v, R, work)
             if with_covariance:
-                covariance_step(P, A, dt, G, v[0], C_before, R, omega, force, scale, noise)
-            if phi.shape[0] > 0:
-                dg, da = np.exp(-dt * noise[4]), np.exp(-dt * noise[5])
-                for j in range(n):
-                    for i in range(n):
-                        A[0, i] = phi[j, i]
-                    _transition(
-                        A[0], phi[j], n, dt, G, v[0], C_before, R, omega, force, scale, dg, da
-                    )
+                linearise(F, dt, G, v[0], C_before, R, omega, force, inverse, dg, da)
+                covariance_step(W, F, Y, Z, Y9, noise)
+            if with_phi:
+                transition(F, T, Y)
+                T[:9] = Y
+                for i in range(9, 15):
+                    for j in range(n):
+                        T[i, j] *= dg if i < 12 else da
             for i in range(3):
                 omega[i] += 0.5 * dt * omega_slope[i]
-                bg[i] *= np.exp(-dt * noise[4])
-                ba[i] *= np.exp(-dt * noise[5])
+                bg[i] *= dg
+                ba[i] *= da
             now = b
             steps += 1
             if steps % 500 == 0:
@@ -330,7 +412,7 @@ def advance(
             break
         r = int(next_row[0])
         if r < rows.shape[0] and end >= next_row[1] - _INTERVAL_TOLERANCE:
-            record(rows[r], end, pos, vel, C, bias, P)
+            record(rows[r], end, pos, vel, C, bias, W)
             next_row[0] += 1.0
             if period > 0.0:
                 next_row[1] += period * np.ceil((end - next_row[1] + 1e-6) / period)
@@ -338,4 +420,7 @@ def advance(
         if end >= until - _INTERVAL_TOLERANCE:
             break
     _orthonormalise(C, work)
+    P[:] = W[:, :n]
+    if with_phi:
+        phi[:] = T[:, :n]
     return k, omega

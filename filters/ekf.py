@@ -109,7 +109,11 @@ class ErrorStateFilter:
         self._noise = model.noise()
         self._sample = stream.index(state.time)
         self._period = float(output_interval)
-        self._rows = np.zeros((1024, _kernels.ROW_SIZE))
+        # Room for the whole stream: untouched pages of zeros cost nothing, growing copies.
+        samples = stream.gyro.shape[0] - self._sample
+        spacing = max(self._period, (stream.end - state.time) / max(samples, 1), 1e-6)
+        room = int((stream.end - state.time) / spacing) + 1024
+        self._rows = np.zeros((room, _kernels.ROW_SIZE))
         self._rows[0, _kernels.ROW_TIME] = state.time
         self._cursor = np.array([1.0, state.time + self._period])
         self._ekf = ExtendedKalmanFilter(dim_x=n, dim_z=3)
@@ -153,7 +157,10 @@ class ErrorStateFilter:
     def _reserve(self, until: float) -> None:
         """Make room for a row per sample up to `until`."""
         last = int(np.searchsorted(self.stream.edges, until + 1e-9, side="right"))
-        needed = int(self._cursor[0]) + last - self._sample + 1
+        samples = last - self._sample
+        if self._period > 0.0:
+            samples = min(samples, int(max(until - self._cursor[1], 0.0) / self._period) + 1)
+        needed = int(self._cursor[0]) + samples + 1
         if needed > len(self._rows):
             more = max(needed, 2 * len(self._rows)) - len(self._rows)
             self._rows = np.vstack([self._rows, np.zeros((more, _kernels.ROW_SIZE))])
@@ -171,7 +178,7 @@ class ErrorStateFilter:
         if until > self.time:
             self.omega_b = omega
             if self.tape is not None:
-                self.tape.predict(before, self._phi.T.copy(), self.P.copy())
+                self.tape.predict(before, self._phi.copy(), self.P.copy())
         self.time = min(until, self.stream.end)
 
     def test(self, measurement: Measurement, gate_probability: float) -> Outcome:

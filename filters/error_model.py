@@ -143,12 +143,11 @@ class ErrorModel:
         before = C.copy()
         _kernels.strapdown_step(pos, vel, C, omega, force, zero, zero, dt, v, R, work)
         decay = float(np.exp(-dt * self.bias_decay_rate))
-        n = self.size
-        phi, out = np.empty((n, n)), np.empty(n)
-        for j, unit in enumerate(np.eye(n)):
-            _kernels._transition(
-                unit, out, n, dt, G, v[0], before, R, omega, force,
-                np.asarray(scale, dtype=float), decay, decay,
-            )  # fmt: skip
-            phi[:, j] = out
+        inverse = 1.0 / (1.0 + np.asarray(scale, dtype=float))
+        F = np.zeros((6, 3, 3))
+        _kernels.linearise(F, dt, G, v[0], before, R, omega, force, inverse, decay, decay)
+        phi = np.eye(self.size)
+        phi[GYRO_BIAS, GYRO_BIAS] *= decay
+        phi[ACCEL_BIAS, ACCEL_BIAS] *= decay
+        _kernels.transition(F, np.eye(self.size), phi[:9])
         return phi

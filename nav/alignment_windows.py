@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from alignment.baselines import gauss_newton, voba
 from alignment.certifiable import align_sdp, attitude_covariance
 from alignment.local_velocity import LocalTrack, inertial_track, planar_track
 from alignment.problem import AlignmentRows, ClockModel, build_problem
+from alignment.robust import align_robust
+from alignment.verdict import AlignmentResult, align
 from datasets.sequence import GnssObservations, Sequence
 from filters.earth import C_en_of
 from filters.errors import AlignmentError, ConfigError
@@ -18,7 +21,7 @@ from filters.rotation import FloatArray, wrap_angle
 from filters.strapdown import InertialStream
 from velocity.range_rate import doppler_rows, with_elevation
 
-METHODS = ("sdp", "voba", "gauss-newton")
+METHODS = ("certified", "robust", "sdp", "voba", "gauss-newton")
 
 
 @dataclass(frozen=True)
@@ -29,10 +32,17 @@ class WindowOptions:
     ----------
     window, step : float
         Length of a window and distance between their beginnings [s].
-    method : {'sdp', 'voba', 'gauss-newton'}
-        'gauss-newton' starts from the identity, as in Song et al.'s Table III.
-    clock : {'constant', 'linear', 'per-epoch'}
+    method : {'certified', 'robust', 'sdp', 'voba', 'gauss-newton'}
+        'certified': the SDP-free solver with all verdicts; 'robust': the same on the largest
+        consensus of the rows; 'sdp': the paper's relaxation; 'gauss-newton' starts from the
+        identity, as in Song et al.'s Table III.
+    clock : {'constant', 'linear', 'per-epoch', 'random-walk'}
         Model of the receiver's clock drift within a window.
+    clock_walk : float
+        Of the random walk [m/s/√s]; a quartz oscillator's is about 0.1.
+    sigma_local_mps : float
+        1σ per axis of the local velocity, odometer and yaw rate together; added to that of
+        every row.
     satellites : float, optional
         Keep this many satellites per epoch, drawn at random; a fraction is the average.
         Default: all.
@@ -47,8 +57,10 @@ class WindowOptions:
 
     window: float = 15.0
     step: float = 5.0
-    method: str = "sdp"
-    clock: str = "linear"
+    method: str = "certified"
+    clock: str = "random-walk"
+    clock_walk: float = 0.1
+    sigma_local_mps: float = 0.0
     satellites: float | None = None
     labels: str = "all"
     decimate: int = 1
@@ -78,13 +90,16 @@ class WindowResult:
     satellites : float
         Mean per epoch.
     status : str
-        Name of the alignment status; 'BASELINE' for methods that prove nothing, 'FAILED'.
+        'PASSED' or the verdicts that did not pass; for the SDP the name of its status;
+        'BASELINE' for methods that prove nothing; 'FAILED'.
     heading, sigma_heading : float
         [rad]; NaN where there is none.
     error : float
         Heading − reference [rad]; NaN without a reference.
     chi2_per_dof : float
     message : str
+    bound : float
+        Certified bound on the attitude [rad]; NaN where there is none.
     """
 
     start: float
@@ -97,6 +112,12 @@ class WindowResult:
     error: float
     chi2_per_dof: float
     message: str = ""
+    bound: float = float("nan")
+
+    @property
+    def passed(self) -> bool:
+        """Whether this attitude could start a filter."""
+        return self.status in ("PASSED", "CERTIFIED")
 
 
 def align_windows(sequence: Sequence, options: WindowOptions) -> list[WindowResult]:
@@ -145,21 +166,24 @@ def align_window(
     nan = float("nan")
     try:
         track = local_track(sequence, start, end)
-        rows = alignment_rows(part, pos_e[inside], track)
+        rows = alignment_rows(part, pos_e[inside], track, options.sigma_local_mps)
     except AlignmentError as error:
         return WindowResult(start, 0, len(part), nan, "FAILED", nan, nan, nan, nan, str(error))
     epochs = int(np.unique(rows.epoch).size)
     mean = len(rows) / epochs if epochs else nan
     try:
-        status, C_ew, sigma, chi2 = _solve(rows, options)
+        solved = _solve(rows, options)
     except AlignmentError as error:
         return WindowResult(
             start, epochs, len(rows), mean, "FAILED", nan, nan, nan, nan, str(error)
         )
-    C_nw = C_en_of(pos_e[inside][0]).T @ C_ew
+    C_nw = C_en_of(pos_e[inside][0]).T @ solved.C_ew
     heading = float(np.arctan2(C_nw[1, 0], C_nw[0, 0]))
     error_rad = float(wrap_angle(heading - _reference_heading(sequence, start)))
-    return WindowResult(start, epochs, len(rows), mean, status, heading, sigma, error_rad, chi2)
+    return WindowResult(
+        start, epochs, len(rows), mean, solved.status, heading, solved.sigma_heading, error_rad,
+        solved.chi2_per_dof, bound=solved.bound,
+    )  # fmt: skip
 
 
 def local_track(sequence: Sequence, start: float, end: float) -> LocalTrack:
@@ -179,32 +203,61 @@ def local_track(sequence: Sequence, start: float, end: float) -> LocalTrack:
 
 
 def alignment_rows(
-    observations: GnssObservations, pos_e: FloatArray, track: LocalTrack
+    observations: GnssObservations, pos_e: FloatArray, track: LocalTrack, sigma_local: float
 ) -> AlignmentRows:
     """Pair the Doppler of a window with the local velocity at the same instants."""
     doppler = doppler_rows(observations, pos_e)
     time = observations.time[doppler.row]
     _, epoch = np.unique(time, return_inverse=True)
     return AlignmentRows(
-        doppler.e_e, track.velocity_at(time), doppler.z, doppler.sigma, epoch, time
+        doppler.e_e,
+        track.velocity_at(time),
+        doppler.z,
+        np.hypot(doppler.sigma, sigma_local),
+        epoch,
+        time,
     )
 
 
-def _solve(rows: AlignmentRows, options: WindowOptions) -> tuple[str, FloatArray, float, float]:
-    """Return status, C_ew, heading σ and χ²/dof of a window."""
-    nan = float("nan")
+class _Solved(NamedTuple):
+    """What one method says about one window."""
+
+    status: str
+    C_ew: FloatArray
+    sigma_heading: float = float("nan")
+    chi2_per_dof: float = float("nan")
+    bound: float = float("nan")
+
+
+def _solve(rows: AlignmentRows, options: WindowOptions) -> _Solved:
+    """Align one window; an `AlignmentError` says why there is no rotation."""
     if options.method == "voba":
-        return "BASELINE", voba(rows).C_ew, nan, nan
-    problem = build_problem(rows, ClockModel(options.clock))
+        return _Solved("BASELINE", voba(rows).C_ew)
+    walk = options.clock_walk if options.clock == "random-walk" else None
+    clock = ClockModel(options.clock, walk)
+    if options.method == "robust":
+        return _judged(align_robust(rows, clock).result)
+    problem = build_problem(rows, clock)
+    if options.method == "certified":
+        return _judged(align(problem))
     if options.method == "gauss-newton":
         found = gauss_newton(problem)
-        chi2 = problem.cost(found.C_ew) / problem.dof if problem.dof > 0 else nan
-        return "BASELINE" if found.converged else "NOT_CONVERGED", found.C_ew, nan, chi2
+        chi2 = problem.cost(found.C_ew) / problem.dof if problem.dof > 0 else float("nan")
+        status = "BASELINE" if found.converged else "NOT_CONVERGED"
+        return _Solved(status, found.C_ew, chi2_per_dof=chi2)
     result = align_sdp(problem)
-    chi2 = result.cost / result.dof if result.dof > 0 else nan
+    chi2 = result.cost / result.dof if result.dof > 0 else float("nan")
     # θ is in w axes; its down component there is the heading's error on level ground.
-    covariance = attitude_covariance(result.solution.minimum)
-    return result.status.name, result.C_ew, float(np.sqrt(covariance[2, 2])), chi2
+    sigma = float(np.sqrt(attitude_covariance(result.solution.minimum)[2, 2]))
+    return _Solved(result.status.name, result.C_ew, sigma, chi2)
+
+
+def _judged(result: AlignmentResult) -> _Solved:
+    """Return the overall verdict, or the names of the verdicts that did not pass."""
+    failed = "not " + ", ".join(v.name for v in result.failed)
+    chi2 = result.cost / result.dof if result.dof > 0 else float("nan")
+    sigma = float(np.sqrt(result.cov_w[2, 2]))
+    return _Solved("PASSED" if result.passed else failed, result.C_ew, sigma, chi2, result.bound)
 
 
 def _prepared(sequence: Sequence, options: WindowOptions) -> tuple[GnssObservations, FloatArray]:
@@ -263,14 +316,16 @@ def _reference_heading(sequence: Sequence, time: float) -> float:
 
 
 def summary(results: list[WindowResult]) -> dict[str, float | int]:
-    """Return count, certified share, and MAE, STD and MAX of the heading error [deg]."""
+    """Return counts, and MAE, STD and MAX of the heading error [deg], passed windows apart."""
     error = np.degrees([r.error for r in results if np.isfinite(r.error)])
     solved = sum(np.isfinite(r.heading) for r in results)
     nothing = float("nan")
+    passed = [abs(np.degrees(r.error)) for r in results if r.passed]
     return {
         "windows": len(results),
         "solved": int(solved),
-        "certified": sum(r.status == "CERTIFIED" for r in results),
+        "passed": len(passed),
+        "largest_passed_deg": float(np.max(passed)) if passed else nothing,
         "mae_deg": float(np.mean(np.abs(error))) if error.size else nothing,
         "std_deg": float(np.std(error)) if error.size else nothing,
         "max_deg": float(np.max(np.abs(error))) if error.size else nothing,

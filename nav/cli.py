@@ -9,6 +9,9 @@ import sys
 from pathlib import Path
 
 from filters.errors import NavError
+from nav.compare_command import DESCRIPTION as COMPARE_DESCRIPTION
+from nav.compare_command import REPORT_DESCRIPTION, add_report_arguments
+from nav.compare_command import add_arguments as add_compare_arguments
 from nav.tuning_command import DESCRIPTION as TUNE_DESCRIPTION
 from nav.tuning_command import add_arguments as add_tuning_arguments
 
@@ -63,8 +66,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--end", type=float, metavar="T", help="likewise")
     run.add_argument("--format", default="", metavar="LIST", help="also write pos,kml,tum,nav")
+    run.add_argument(
+        "--base", type=Path, metavar="FILE",
+        help="RINEX of a base station, or a folder of them: RTK positions (gnss.position = rtk)",
+    )  # fmt: skip
+    run.add_argument(
+        "--great", metavar="NAME",
+        help="the folder is this GREAT sequence (campus-01 …): take what the catalogue knows of it",
+    )  # fmt: skip
     run.set_defaults(command="nav.run_command:run")
 
+    run.add_argument("--no-report", action="store_true", help="leave report.html out: faster")
     run.add_argument("--smooth", action="store_true", help="smooth: every epoch knows all data")
     run.add_argument(
         "--unchecked", action="store_true", help="navigate even if the data contradict physics"
@@ -117,8 +129,14 @@ def _parser() -> argparse.ArgumentParser:
     align.add_argument("path", type=Path, help="folder of the recording")
     align.add_argument("--window", type=float, default=15.0, metavar="S", help="length [15 s]")
     align.add_argument("--step", type=float, default=5.0, metavar="S", help="distance [5 s]")
-    align.add_argument("--method", default="sdp", help="sdp, voba or gauss-newton [sdp]")
-    align.add_argument("--clock", default="linear", help="constant, linear or per-epoch [linear]")
+    align.add_argument(
+        "--method", default="certified",
+        help="certified, robust, sdp, voba or gauss-newton [certified]",
+    )  # fmt: skip
+    align.add_argument(
+        "--clock", default="random-walk",
+        help="drift: constant, linear, per-epoch or random-walk [random-walk]",
+    )  # fmt: skip
     align.add_argument("--satellites", type=float, metavar="N", help="keep N per epoch, drawn")
     align.add_argument("--rows", default="all", help="all, or los where the data are labelled")
     align.add_argument("--decimate", type=int, default=1, metavar="K", help="every K-th epoch")
@@ -131,6 +149,19 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_tuning_arguments(tune)
     tune.set_defaults(command="nav.tuning_command:run")
+
+    compare = commands.add_parser(
+        "compare", help="set methods against each other in spells of weak GNSS",
+        description=COMPARE_DESCRIPTION,
+    )  # fmt: skip
+    add_compare_arguments(compare)
+    compare.set_defaults(command="nav.compare_command:run")
+
+    report = commands.add_parser(
+        "report", help="merge result directories into one page", description=REPORT_DESCRIPTION
+    )
+    add_report_arguments(report)
+    report.set_defaults(command="nav.compare_command:report")
 
     simulate = commands.add_parser(
         "simulate",
@@ -147,6 +178,9 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--imu", default="adis16470", help="IMU preset [adis16470]")
     simulate.add_argument("--moving-start", action="store_true", help="begin at cruising speed")
     simulate.add_argument("--exact", action="store_true", help="no noise, no reflections")
+    simulate.add_argument(
+        "--base-distance", type=float, metavar="M", help="also a base station, so far away [m]"
+    )
     simulate.add_argument("--overwrite", action="store_true")
     simulate.set_defaults(command="nav.simulate_command:simulate")
 

@@ -115,9 +115,15 @@ class GnssConfig:
 
     Parameters
     ----------
-    position : {'auto', 'spp', 'carried', 'none'}
-        Single-point positions computed by RTKLIB, or positions the set carries; 'auto' takes the
-        carried ones if there are any.
+    position : {'auto', 'spp', 'rtk', 'carried', 'none'}
+        Single-point positions or positions relative to a base station, both by RTKLIB, or
+        positions the set carries; 'auto' takes the carried ones if there are any, else
+        single-point ones.
+    base : str
+        RINEX observations of the base station, or a folder of them; '' takes what the recording
+        has.
+    base_position_e_m : list of three numbers
+        ECEF position of the base's antenna; default: what its file says.
     velocity : {'auto', 'doppler', 'carried', 'none'}
         Least squares from Doppler, or velocities the set carries; 'auto' prefers Doppler.
     below_four : {'rows', 'ddia', 'off'}
@@ -139,6 +145,9 @@ class GnssConfig:
     code_sigma_m : float
         Pseudorange noise at the zenith that single-point positioning assumes, multipath
         included; a street needs more than a roof.
+    doppler_sigma_mps, doppler_floor_mps : float
+        Range-rate noise: its thermal part at 45 dB-Hz, and what stays however strong the signal
+        (`velocity.range_rate.DopplerNoise`).
     position_sigma_scale, velocity_sigma_scale : float
         Factor on the standard deviations of positions and velocities.
     position_sigma_floor_m, velocity_sigma_floor_mps : float
@@ -146,6 +155,8 @@ class GnssConfig:
     """
 
     position: str = "auto"
+    base: str = ""
+    base_position_e_m: tuple[float, ...] = ()
     velocity: str = "auto"
     below_four: str = "rows"
     ddia_min_k: float = 0.2
@@ -156,22 +167,31 @@ class GnssConfig:
     troposphere: str = "saastamoinen"
     raim: bool = True
     code_sigma_m: float = 3.0
+    doppler_sigma_mps: float = 0.06
+    doppler_floor_mps: float = 0.04
     position_sigma_scale: float = 1.0
     velocity_sigma_scale: float = 1.0
     position_sigma_floor_m: float = 0.02
     velocity_sigma_floor_mps: float = 0.02
 
     def __post_init__(self) -> None:
-        _choice("gnss.position", self.position, ("auto", "spp", "carried", "none"))
+        _choice("gnss.position", self.position, ("auto", "spp", "rtk", "carried", "none"))
+        if len(self.base_position_e_m) not in (0, 3):
+            raise ConfigError(
+                "gnss.base_position_e_m: expected X, Y, Z in metres, found "
+                f"{list(self.base_position_e_m)}"
+            )
         _choice("gnss.velocity", self.velocity, ("auto", "doppler", "carried", "none"))
         _choice("gnss.below_four", self.below_four, ("rows", "ddia", "off"))
         _choice("gnss.ionosphere", self.ionosphere, ("broadcast", "off"))
         _choice("gnss.troposphere", self.troposphere, ("saastamoinen", "off"))
-        for name in ("code_sigma_m", "position_sigma_scale", "velocity_sigma_scale"):
+        for name in (
+            "code_sigma_m", "doppler_floor_mps", "position_sigma_scale", "velocity_sigma_scale",
+        ):  # fmt: skip
             _positive(f"gnss.{name}", getattr(self, name))
         for name in (
             "position_sigma_floor_m", "velocity_sigma_floor_mps", "min_cn0_dbhz", "ddia_min_k",
-            "ddia_min_cn0_dbhz",
+            "ddia_min_cn0_dbhz", "doppler_sigma_mps",
         ):  # fmt: skip
             _positive(f"gnss.{name}", getattr(self, name), zero=True)
         if not -90.0 <= self.elevation_mask_deg < 90.0:
@@ -244,11 +264,14 @@ class Config:
 def _section(cls: type[T], table: Mapping[str, Any], where: str) -> T:
     """Build the dataclass `cls` from a table, checking keys and types."""
     known = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
-    values = {}
+    values: dict[str, Any] = {}
     for key, value in table.items():
         if key not in known:
             raise ConfigError.unknown_key(key, known, where=where)
         default = known[key].default
+        if isinstance(default, tuple):
+            values[key] = _numbers(f"{where}.{key}", value)
+            continue
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         wants_number = default is None or (
             isinstance(default, (int, float)) and not isinstance(default, bool)
@@ -259,6 +282,15 @@ def _section(cls: type[T], table: Mapping[str, Any], where: str) -> T:
             raise ConfigError(f"{where}.{key}: expected a {wanted}, found {value!r}")
         values[key] = float(value) if isinstance(default, float) or default is None else value
     return cls(**values)
+
+
+def _numbers(key: str, value: Any) -> tuple[float, ...]:
+    numbers = isinstance(value, list | tuple) and all(
+        isinstance(v, int | float) and not isinstance(v, bool) for v in value
+    )
+    if not numbers:
+        raise ConfigError(f"{key}: expected a list of numbers, found {value!r}")
+    return tuple(float(v) for v in value)
 
 
 def from_tables(tables: Mapping[str, Any]) -> Config:

@@ -15,8 +15,9 @@ from filters.ekf import ErrorStateFilter, Outcome
 from filters.measurements import Measurement
 from nav import ddia_update
 from nav.config import GnssConfig
+from nav.gnss import doppler_noise
 from velocity.ddia import ddia_velocity
-from velocity.range_rate import DopplerNoise, DopplerRows
+from velocity.range_rate import DopplerRows
 
 
 def apply_rows(
@@ -72,7 +73,7 @@ def apply_ddia(
 ) -> tuple[Outcome | None, tuple[str, ...], str]:
     """Offer DDIA-VE's velocity; the outcome is None when there is none to offer."""
     # Rows carry σ, not C/N0; the noise model turns one threshold into the other.
-    loud = rows.sigma <= float(DopplerNoise().sigma(config.ddia_min_cn0_dbhz)) + 1e-12
+    loud = rows.sigma <= float(doppler_noise(config).sigma(config.ddia_min_cn0_dbhz)) + 1e-12
     names = tuple(map(str, rows.sat))
     if loud.sum() < 2:
         return None, names, "fewer than two satellites above the C/N0 of DDIA-VE"

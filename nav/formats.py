@@ -17,6 +17,7 @@ from datasets.gpstime import from_unix, to_week_sow
 from filters.earth import C_en_at, ecef_to_lla
 from filters.errors import ConfigError
 from filters.rotation import FloatArray, rpy_from_matrix
+from nav._text import row_blocks
 from nav.evaluation import usable_at
 from nav.solution import Epochs, Trajectory
 
@@ -28,17 +29,17 @@ _KML_STEP_S, _KML_MAX_POINTS = 0.5, 20000
 _ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
-def format_rows(template: str, table: FloatArray, rows_at_once: int = 512) -> str:
-    """Return `table` as text, one line a row, each by the %-`template` of a whole row.
+def format_rows(template: str, table: FloatArray, rows_at_once: int = 4096) -> str:
+    """Return `table` as text, one line a row, each by the %-`template` of a whole row."""
+    return b"".join(row_blocks(template, table, rows_at_once)).decode()
 
-    Many rows are formatted by one ``%``: a fifth of the time of pandas' ``to_csv``.
-    """
-    line = template + "\n"
-    parts = []
-    for start in range(0, len(table), rows_at_once):
-        block = table[start : start + rows_at_once]
-        parts.append((line * len(block)) % tuple(block.ravel().tolist()))
-    return "".join(parts)
+
+def write_rows(path: Path, header: str, template: str, tables: Iterable[FloatArray]) -> None:
+    """Write a header and tables, as by `format_rows`, bit by bit: never all of it in memory."""
+    with path.open("wb") as file:
+        file.write(header.encode())
+        for table in tables:
+            file.writelines(row_blocks(template, table))
 
 
 def geodetic_and_ned(trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -94,10 +95,12 @@ def write_nav(path: Path, trajectory: Trajectory, epochs: Epochs) -> None:
     Columns: GPS week, seconds of week, latitude, longitude [deg], height [m], velocity north,
     east, down [m/s], roll, pitch, heading [deg], heading in [0, 360).
     """
-    week, sow = to_week_sow(trajectory.time)
-    table = np.column_stack([week, sow, *geodetic_and_ned(trajectory)])
     template = "%d %.6f %.10f %.10f %.4f" + " %.5f" * 3 + " %.7f" * 3
-    path.write_text(format_rows(template, table), encoding="utf-8")
+    tables = (
+        np.column_stack([*to_week_sow(part.time), *geodetic_and_ned(part)])
+        for part in trajectory.parts()
+    )
+    write_rows(path, "", template, tables)
 
 
 def write_tum(path: Path, trajectory: Trajectory, epochs: Epochs) -> None:
@@ -116,8 +119,7 @@ def write_tum(path: Path, trajectory: Trajectory, epochs: Epochs) -> None:
         f"ENU origin lat {lat:.10f} deg, lon {lon:.10f} deg, height {lla[2]:.4f} m\n"
     )
     table = np.column_stack([trajectory.time, pos, quaternion])
-    rows = format_rows("%.6f" + " %.4f" * 3 + " %.9f" * 4, table)
-    path.write_text(header + rows, encoding="utf-8")
+    write_rows(path, header, "%.6f" + " %.4f" * 3 + " %.9f" * 4, [table])
 
 
 #: KML styles by least usable satellites: name and colour as aabbggrr (Okabe–Ito).

@@ -18,7 +18,7 @@ from filters.errors import ConfigError
 from filters.rotation import FloatArray
 from nav.config import GnssConfig
 from nav.solution import Epochs
-from velocity.range_rate import DopplerRows
+from velocity.range_rate import DopplerNoise
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +38,9 @@ class GnssEvent:
         Satellites behind it, where known.
     reason : str
         Why it cannot be used; '' when it can.
-    rows : DopplerRows, optional
-        Of kind 'doppler': the usable rows of an epoch without a least-squares velocity.
+    observations : GnssObservations, optional
+        Of kind 'doppler': the usable rows of an epoch without a least-squares velocity. Lines of
+        sight are left to the filter, which knows best where it is: 1 km is 0.2 m/s.
     """
 
     time: float
@@ -48,7 +49,7 @@ class GnssEvent:
     cov_e: FloatArray
     satellites: tuple[str, ...] = ()
     reason: str = ""
-    rows: DopplerRows | None = None
+    observations: GnssObservations | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +74,7 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         If a source is asked for that the sequence does not have.
     """
     position, velocity = sources(sequence, config)
-    notes = (f"positions: {position}; velocities: {velocity}",)
+    notes: tuple[str, ...] = (f"positions: {position}; velocities: {velocity}",)
     if sequence.observations is None:
         assert sequence.fixes is not None
         events = [
@@ -87,8 +88,15 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         sequence.observations.cn0 < config.min_cn0_dbhz, "weak signal"
     )
     events, where, faulty = [], None, np.zeros(len(observations), dtype=bool)
-    if position == "spp":
+    if position in ("spp", "rtk"):
         events, where, faulty = _single_point(observations, sequence, config)
+        if position == "rtk":
+            from nav.relative import with_relative_positions
+
+            lost = ~np.isin(observations.time, where.time)  # code that no fix vouches for
+            screened = observations.mark(faulty | lost, "not in the single-point fix")
+            events, said = with_relative_positions(events, screened, sequence, config)
+            notes = (*notes, said)
     elif sequence.fixes is not None:
         fixes = sequence.fixes
         where = _Whereabouts(fixes.time, fixes.pos_e, np.zeros(len(fixes)))
@@ -135,7 +143,10 @@ class _Whereabouts:
 
 
 def sources(sequence: Sequence, config: GnssConfig) -> tuple[str, str]:
-    """Return where positions and velocities come from: 'spp', 'doppler', 'carried' or 'none'."""
+    """Return where positions ('spp', 'rtk') and velocities ('doppler') come from.
+
+    Both may also be 'carried' or 'none'.
+    """
     obs, fixes = sequence.observations, sequence.fixes
     can_spp = obs is not None and bool(sequence.navigation)
     can_doppler = obs is not None and bool(np.isfinite(obs.range_rate).any())
@@ -147,6 +158,10 @@ def sources(sequence: Sequence, config: GnssConfig) -> tuple[str, str]:
         velocity = "doppler" if can_doppler else "carried" if carries_velocity else "none"
     missing = {
         "spp": (not can_spp, "pseudoranges with navigation files"),
+        "rtk": (
+            not can_spp or sequence.rover_file is None or not (config.base or sequence.base),
+            "the rover's RINEX, navigation files and a base station's RINEX (--base FILE)",
+        ),
         "doppler": (not can_doppler, "Doppler observations"),
     }
     if position == "carried" and fixes is None:
@@ -160,9 +175,14 @@ def sources(sequence: Sequence, config: GnssConfig) -> tuple[str, str]:
     return position, velocity
 
 
-def _sigma(cov_e: FloatArray, scale: float, floor: float) -> FloatArray:
+def inflated(cov_e: FloatArray, scale: float, floor: float) -> FloatArray:
     """Return the covariance scaled, with `floor` added in variance on every axis."""
     return cov_e * scale**2 + np.eye(3) * floor**2
+
+
+def doppler_noise(config: GnssConfig) -> DopplerNoise:
+    """Return the range-rate noise that is configured."""
+    return DopplerNoise(config.doppler_sigma_mps, config.doppler_floor_mps)
 
 
 def _carried(fixes: GnssFixes, kind: str, config: GnssConfig) -> list[GnssEvent]:
@@ -176,7 +196,7 @@ def _carried(fixes: GnssFixes, kind: str, config: GnssConfig) -> list[GnssEvent]
         scale, floor = config.velocity_sigma_scale, config.velocity_sigma_floor_mps
         present = fixes.has_velocity
     return [
-        GnssEvent(float(t), kind, v, _sigma(c, scale, floor))
+        GnssEvent(float(t), kind, v, inflated(c, scale, floor))
         if ok
         else GnssEvent(float(t), kind, *_NOTHING, reason=f"no {kind} in the data")
         for t, v, c, ok in zip(fixes.time, value, cov, present, strict=True)
@@ -201,7 +221,7 @@ def _single_point(
     where = _Whereabouts(spp.fixes.time, spp.fixes.pos_e, spp.clock / SPEED_OF_LIGHT)
     scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
     events = [
-        GnssEvent(time, "position", pos_e, _sigma(cov, scale, floor), satellites)
+        GnssEvent(time, "position", pos_e, inflated(cov, scale, floor), satellites)
         for time, pos_e, cov, satellites in zip(
             where.time - where.clock,
             spp.fixes.pos_e,
@@ -257,7 +277,7 @@ def _doppler(
     from velocity.least_squares import doppler_velocity, mark_rejected
     from velocity.range_rate import doppler_rows
 
-    rows = doppler_rows(observations, where.at(observations.time))
+    rows = doppler_rows(observations, where.at(observations.time), doppler_noise(config))
     scale, floor = config.velocity_sigma_scale, config.velocity_sigma_floor_mps
     events, velocities = [], []
     for time, epoch in observations.epochs():
@@ -266,13 +286,14 @@ def _doppler(
         velocities.append(found)
         at = where.true_time(time)
         if found.ok:
-            cov = _sigma(found.cov_e, scale, floor)
+            cov = inflated(found.cov_e, scale, floor)
             events.append(GnssEvent(at, "velocity", found.vel_e, cov, found.satellites))
             continue
         names = tuple(map(str, here.sat))
         few = len(here) >= 2 and config.below_four != "off"
         kind, reason = ("doppler", "") if few else ("velocity", found.status)
-        events.append(GnssEvent(at, kind, *_NOTHING, names, reason, here if few else None))
+        offered = observations.take(here.row) if few else None
+        events.append(GnssEvent(at, kind, *_NOTHING, names, reason, offered))
     return events, mark_rejected(observations, velocities)
 
 

@@ -16,10 +16,10 @@ from filters.ekf import ErrorStateFilter, Outcome
 from filters.errors import DataError
 from nav.config import Config
 from nav.doppler_update import apply_ddia, apply_rows
-from nav.gnss import GnssEvent
+from nav.gnss import GnssEvent, doppler_noise
 from nav.solution import UPDATE_KINDS, Update
 from nav.vehicle import VehicleConstraints
-from velocity.range_rate import DopplerRows
+from velocity.range_rate import DopplerRows, doppler_rows
 
 
 class FilterLoop:
@@ -95,8 +95,10 @@ class FilterLoop:
     def _apply(self, event: GnssEvent) -> Update:
         patience = self.config.filter.gate_patience
         insist = 0 < patience <= self._refused[event.kind]
-        if event.rows is not None:
-            update = self._doppler(event, event.rows)
+        if event.observations is not None:
+            antenna_e = self.kalman.pos_e + self.kalman.C_eb @ self.calibration.lever_antenna_b
+            noise = doppler_noise(self.config.gnss)
+            update = self._doppler(event, doppler_rows(event.observations, antenna_e, noise))
         else:
             update = self._fix(event, insist)
         used = update.accepted or insist

@@ -33,3 +33,12 @@ class _RichProgress:
 
     def __exit__(self, *exception: object) -> None:
         self._bar.stop()
+
+
+def announce_kernels() -> None:
+    """Say on standard error if the filter has to be compiled first, or cannot be."""
+    from filters import _kernels
+    from filters._jit import notice
+
+    if line := notice(_kernels.advance):
+        print(f"certnav: {line}", file=sys.stderr, flush=True)

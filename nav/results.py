@@ -10,7 +10,7 @@ reference_errors.csv   solution − reference at each compared reference epoch, 
                        3σ; only when there is a reference
 config.toml            the configuration in force
 summary.json           figures of the run; strict JSON, what is not known is null
-report.html            all of it for people
+report.html            all of it for people, unless it was left out
 solution.pos …         exports that were asked for (`nav.formats`)
 =====================  ========================================================================
 """
@@ -81,6 +81,8 @@ def write_result(
     sequence: Sequence,
     config_text: str,
     formats: Iterable[str] = (),
+    *,
+    report: bool = True,
 ) -> Path:
     """Write the result directory `out` completely or not at all.
 
@@ -98,6 +100,8 @@ def write_result(
         Configuration in force, as TOML.
     formats : iterable of str
         Exports to add, keys of `nav.formats.FORMATS`.
+    report : bool
+        Whether to draw report.html; it takes longer than all else.
 
     Returns
     -------
@@ -111,8 +115,6 @@ def write_result(
     ConfigError
         If a format is unknown.
     """
-    from nav.report import write_report  # matplotlib is slow to import
-
     out, formats = Path(out).resolve(), check_formats(formats)
     check_replaceable(out)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -128,7 +130,10 @@ def write_result(
         text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
         (draft / "summary.json").write_text(text + "\n", encoding="utf-8")
         write_formats(draft, formats, solution.trajectory, solution.epochs)
-        write_report(draft)
+        if report:
+            from nav.report import write_report  # matplotlib is slow to import
+
+            write_report(draft)
         umask = os.umask(0)
         os.umask(umask)
         draft.chmod(0o777 & ~umask)  # mkdtemp makes it private

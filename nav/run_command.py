@@ -7,6 +7,7 @@ import dataclasses
 import time
 from pathlib import Path
 
+from datasets.catalogue import great_sequence
 from datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
 from datasets.load import load
 from datasets.sequence import Sequence
@@ -16,7 +17,7 @@ from nav.config import Config, load_config, to_toml
 from nav.evaluation import Evaluation, evaluate
 from nav.formats import parse_formats
 from nav.pipeline import navigate
-from nav.progress import progress
+from nav.progress import announce_kernels, progress
 from nav.results import check_replaceable, write_result
 from nav.solution import Solution
 
@@ -28,10 +29,17 @@ def run(arguments: argparse.Namespace) -> None:
     """Navigate a recording."""
     smooth = ["filter.smooth=true"] if arguments.smooth else []
     config = load_config(arguments.config, [*arguments.set, *smooth])
+    if arguments.base is not None:
+        gnss = dataclasses.replace(config.gnss, base=str(arguments.base), position="rtk")
+        config = dataclasses.replace(config, gnss=gnss)
+    path = arguments.path
+    if arguments.great is not None:
+        path, data = great_sequence(path, arguments.great, config.data)
+        config = dataclasses.replace(config, data=data)
     formats = parse_formats(arguments.format)
     navigate_folder(
-        arguments.path, config, arguments.out, formats, arguments.start, arguments.end,
-        checked=not arguments.unchecked,
+        path, config, arguments.out, formats, arguments.start, arguments.end,
+        checked=not arguments.unchecked, report_page=not arguments.no_report,
     )  # fmt: skip
 
 
@@ -56,11 +64,13 @@ def navigate_folder(
     start: float | None = None,
     end: float | None = None,
     checked: bool = True,
+    report_page: bool = True,
 ) -> Path:
     """Load, check, navigate, evaluate, write the result directory, and print the summary."""
     began = time.perf_counter()
     if out is not None:
         check_replaceable(out)
+    announce_kernels()
     with progress() as report:
         report(0.0, "reading")
         sequence = cut(load(path, **config.data), start, end)
@@ -73,7 +83,9 @@ def navigate_folder(
         report(1.0, "evaluation and report")
         evaluation = evaluate(solution, sequence)
         solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
-        write_result(out, solution, evaluation, sequence, to_toml(config), formats)
+        write_result(
+            out, solution, evaluation, sequence, to_toml(config), formats, report=report_page
+        )
     _print_summary(solution, evaluation, sequence, out)
     return out
 
@@ -126,4 +138,5 @@ def _print_summary(
         )
     if m["heading_rms_deg"] is not None:
         print(f"  heading     RMS {m['heading_rms_deg']:.2f}°")
-    print(f"  report      {Path(out) / 'report.html'}")
+    page = Path(out) / "report.html"
+    print(f"  report      {page}" if page.exists() else f"  result      {out}")

@@ -19,6 +19,7 @@ def simulate(arguments: argparse.Namespace) -> None:
         imu=arguments.imu,
         moving_start=arguments.moving_start,
         noise=not arguments.exact,
+        base_distance_m=arguments.base_distance,
     )
     with progress() as report:
         report(0.0, "simulating")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -48,6 +49,12 @@ class Trajectory:
 
     def __len__(self) -> int:
         return self.time.size
+
+    def parts(self, rows: int = 16384) -> Iterator[Trajectory]:
+        """Yield it in pieces of so many rows at most, for what would fill the memory at once."""
+        for start in range(0, len(self), rows):
+            piece = slice(start, start + rows)
+            yield Trajectory(*(getattr(self, f.name)[piece] for f in fields(self)))
 
 
 @dataclass(frozen=True)

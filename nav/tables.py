@@ -27,7 +27,7 @@ from nav.evaluation import (
     rpy_covariance,
     standard_deviation,
 )
-from nav.formats import format_rows, geodetic_and_ned
+from nav.formats import geodetic_and_ned, write_rows
 from nav.solution import Epochs, Trajectory, Update
 
 _DEGPH = np.pi / 180.0 / 3600.0
@@ -73,10 +73,9 @@ ERROR_COLUMNS = [
 ]  # fmt: skip
 
 
-def _write_table(path: Path, columns: list[tuple[str, str]], table: FloatArray) -> None:
+def _write_table(path: Path, columns: list[tuple[str, str]], tables: Iterable[FloatArray]) -> None:
     header = ",".join(name for name, _ in columns) + "\n"
-    rows = format_rows(",".join(number for _, number in columns), table)
-    path.write_text(header + rows, encoding="utf-8")
+    write_rows(path, header, ",".join(number for _, number in columns), tables)
 
 
 def _read_table(path: Path, names: list[str]) -> FloatArray:
@@ -94,16 +93,19 @@ def _read_table(path: Path, names: list[str]) -> FloatArray:
 
 def write_solution(path: Path, trajectory: Trajectory) -> None:
     """Write solution.csv."""
+    _write_table(path, SOLUTION_COLUMNS, map(_solution_table, trajectory.parts()))
+
+
+def _solution_table(trajectory: Trajectory) -> FloatArray:
     lla_deg, vel_n, rpy_deg = geodetic_and_ned(trajectory)
     cov_rpy = rpy_covariance(trajectory.cov_att_n, np.deg2rad(rpy_deg))
-    table = np.column_stack([
+    return np.column_stack([
         trajectory.time, *to_week_sow(trajectory.time), lla_deg, trajectory.pos_e, vel_n, rpy_deg,
         standard_deviation(trajectory.cov_pos_n), standard_deviation(trajectory.cov_vel_n),
         np.rad2deg(standard_deviation(cov_rpy)),
         trajectory.gyro_bias / _DEGPH, trajectory.accel_bias / _MG,
         trajectory.std_gyro_bias / _DEGPH, trajectory.std_accel_bias / _MG,
     ])  # fmt: skip
-    _write_table(path, SOLUTION_COLUMNS, table)
 
 
 def read_solution(path: Path) -> Trajectory:
@@ -184,7 +186,7 @@ def read_updates(path: Path) -> tuple[Update, ...]:
 def write_epochs(path: Path, epochs: Epochs) -> None:
     """Write epochs.csv."""
     columns = [("time_gps_s", "%.6f"), ("tracked", "%d"), ("usable", "%d")]
-    _write_table(path, columns, np.column_stack([epochs.time, epochs.tracked, epochs.usable]))
+    _write_table(path, columns, [np.column_stack([epochs.time, epochs.tracked, epochs.usable])])
 
 
 def read_epochs(path: Path) -> Epochs:
@@ -202,7 +204,7 @@ def write_errors(path: Path, evaluation: Evaluation) -> None:
         3.0 * evaluation.sigma_pos_n, 3.0 * evaluation.sigma_vel_n,
         3.0 * np.rad2deg(evaluation.sigma_rpy), evaluation.nees_position,
     ])  # fmt: skip
-    _write_table(path, ERROR_COLUMNS, table)
+    _write_table(path, ERROR_COLUMNS, [table])
 
 
 def read_errors(path: Path) -> dict[str, FloatArray]:

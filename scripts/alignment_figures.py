@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from alignment.baselines import gauss_newton, voba
-from alignment.certifiable import AlignmentResult, align_sdp
+from alignment.certifiable import SdpAlignment, align_sdp
 from alignment.certificate import PAPER_RATIO, AlignmentStatus, eigenvalue_ratio
 from alignment.constraints import ALL
 from alignment.observability import Geometry
@@ -69,7 +69,7 @@ def certified_rates(motion: str, runs: int, seed: int) -> list[dict]:
     return rows
 
 
-def _rates(results: list[AlignmentResult], errors: list[float]) -> dict:
+def _rates(results: list[SdpAlignment], errors: list[float]) -> dict:
     ratios = [eigenvalue_ratio(np.linalg.eigvalsh(r.solution.dual.H)) for r in results]
     proved = [r.certificate.status is AlignmentStatus.CERTIFIED for r in results]
     determined = [
@@ -148,7 +148,7 @@ def basins(runs: int, seed: int) -> tuple[list[dict], dict]:
     }
 
 
-def _basin_window(seed: int, k: int) -> tuple[SimulatedWindow, AlignmentProblem, AlignmentResult]:
+def _basin_window(seed: int, k: int) -> tuple[SimulatedWindow, AlignmentProblem, SdpAlignment]:
     window = simulate_window(np.random.default_rng([seed, k]), 2, MOTION[7], sigma=0.05)
     problem = build_problem(window.rows)
     return window, problem, align_sdp(problem)
@@ -164,7 +164,7 @@ def _sphere(points: int) -> FloatArray:
 def _ends(
     window: SimulatedWindow,
     problem: AlignmentProblem,
-    result: AlignmentResult,
+    result: SdpAlignment,
     starts: FloatArray,
 ) -> list[dict]:
     rows = []

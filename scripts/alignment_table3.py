@@ -20,9 +20,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from datasets.load import load
-from nav.alignment_windows import METHODS, WindowOptions, align_windows, summary
+from nav.alignment_windows import WindowOptions, align_windows, summary
 from nav.summary import strict
 
+METHODS = ("sdp", "voba", "gauss-newton")
 NAMES = {"voba": "VOBA", "gauss-newton": "Gauss–Newton from identity", "sdp": "SDP"}
 COLOURS = {"voba": "#E69F00", "gauss-newton": "#D55E00", "sdp": "#0072B2"}
 
@@ -43,7 +44,7 @@ def main() -> None:
     for labels, satellites, decimate, method in cells:
         options = WindowOptions(
             window=arguments.window, step=arguments.step, method=method, satellites=satellites,
-            labels=labels, decimate=decimate,
+            labels=labels, decimate=decimate, clock="linear",
         )  # fmt: skip
         results = align_windows(sequence, options)
         s = summary(results)

@@ -1,4 +1,4 @@
-"""RINEX, broadcast orbits and single-point positioning through RTKLIB (pyrtklib5).
+"""RINEX, broadcast orbits, single-point and relative positioning through RTKLIB (pyrtklib5).
 
 The only package that touches the binding: arrays go in, arrays come out. Files are tested by
 `datasets.rinex` first, because RTKLIB reads a truncated file without complaint.
@@ -10,13 +10,16 @@ through single precision (≤ 0.25 mHz, that is 0.05 mm/s, for Dopplers below 4 
 from datasets.rtklib.atmosphere import ionosphere_delay, troposphere_delay
 from datasets.rtklib.observations import read_observations
 from datasets.rtklib.positioning import SinglePoint, single_point
+from datasets.rtklib.rtk import RelativePositions, relative_positions
 from datasets.rtklib.satellites import SatelliteStates, satellite_states
 
 __all__ = [
+    "RelativePositions",
     "SatelliteStates",
     "SinglePoint",
     "ionosphere_delay",
     "read_observations",
+    "relative_positions",
     "satellite_states",
     "single_point",
     "troposphere_delay",

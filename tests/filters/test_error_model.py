@@ -93,10 +93,11 @@ def test_covariance_step_is_phi_p_phi_t_plus_q(moving_state, states):
     pos, vel, C = moving_state.pos_e.copy(), moving_state.vel_e.copy(), moving_state.C_eb.copy()
     zero = np.zeros(6)
     _kernels.strapdown_step(pos, vel, C, OMEGA, FORCE, zero[:3], zero[:3], dt, v, R, work)
-    actual, scratch = P.copy(), np.empty_like(P)
-    _kernels.covariance_step(
-        actual, scratch, dt, G, v[0], moving_state.C_eb, R, OMEGA, FORCE, zero, noise
-    )
+    F = np.zeros((6, 3, 3))
+    _kernels.linearise(F, dt, G, v[0], moving_state.C_eb, R, OMEGA, FORCE, np.ones(6), 1.0, 1.0)
+    actual = P.copy()
+    scratch = np.empty((9, states)), np.zeros((states, 9)), np.empty((9, 9))
+    _kernels.covariance_step(actual, F, *scratch, noise)
     np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-24)
     np.testing.assert_array_equal(actual, actual.T)
 

@@ -44,7 +44,7 @@ def test_assignments_win_over_the_file(tmp_path):
         ({"filter": {"gate_probability": 1.5}}, "0 ≤ p < 1"),
         ({"filter": {"states": "many"}}, "filter.states: expected a number, found 'many'"),
         ({"filter": 3}, "filter: expected a table"),
-        ({"gnss": {"position": "ppp"}}, "expected one of auto, spp, carried, none"),
+        ({"gnss": {"position": "ppp"}}, "expected one of auto, spp, rtk, carried, none"),
         ({"gnss": {"raim": 1}}, "gnss.raim: expected a bool"),
         ({"gnss": {"elevation_mask_deg": 95}}, "found 95"),
         ({"alignment": {"method": "given"}}, "needs alignment.roll_deg"),

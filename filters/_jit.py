@@ -1,0 +1,42 @@
+"""numba's compiler, or a stand-in where it is missing or not wanted.
+
+Without it the kernels run as plain Python, a hundred times slower and to the same digits; the
+first use says so. CERTNAV_NO_JIT=1 asks for that. Kernels are compiled on first use and kept in
+numba's cache beside the module (or in NUMBA_CACHE_DIR).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+#: Why kernels are not compiled; '' if they are.
+WHY_NOT = ""
+
+try:
+    if os.environ.get("CERTNAV_NO_JIT", "0") not in ("", "0"):
+        raise ImportError("CERTNAV_NO_JIT is set")
+    from numba import njit
+except ImportError as error:
+    WHY_NOT = str(error)
+
+    def njit(**options: Any) -> Callable[[Callable], Callable]:
+        """Leave the function as it is."""
+        return lambda function: function
+
+
+COMPILED = not WHY_NOT
+
+
+def notice(kernel: Any) -> str:
+    """Return what a user has to know before a kernel is called for the first time, or ''."""
+    if not COMPILED:
+        return f"running without numba ({WHY_NOT}): same result, a hundred times slower"
+    source = Path(kernel.py_func.__code__.co_filename)
+    name = f"{source.stem}.{kernel.py_func.__name__}-*.nbi"
+    kept = Path(kernel.stats.cache_path).glob(name)
+    if any(index.stat().st_mtime >= source.stat().st_mtime for index in kept):
+        return ""
+    return "compiling, once on this machine: some 20 seconds more"
