@@ -31,7 +31,7 @@ from datasets.sequence import Sequence
 from datasets.simulator import SimulationConfig
 from filters.errors import NavError
 from nav.compare import Comparison, SpellFigures, as_dict, compare
-from nav.config import Config, from_tables
+from nav.config import Config, GnssConfig, from_tables
 from nav.degradation import parse_outages
 from nav.evaluation import evaluate
 from nav.methods import parse_methods
@@ -41,7 +41,6 @@ from nav.summary import strict
 LIVE = "lc4,lc+ddia,lc+rows,lc4+vehicle,lc+ddia+vehicle,lc+rows+vehicle"
 SMOOTHED = ",".join(f"{name}+smooth" for name in LIVE.split(","))
 FIXES = "lc4,lc4+vehicle,lc4+smooth,lc4+vehicle+smooth"
-CONSTRAINED = from_tables({"vehicle": {"nhc": "on"}})
 
 
 def main() -> None:
@@ -52,6 +51,9 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--duration", type=float, default=600.0, help="of a simulated drive [s]")
     parser.add_argument("--only", default="simulated,comma2k19,fixes,spirent", metavar="LIST")
+    parser.add_argument(
+        "--min-cn0", type=float, default=GnssConfig().min_cn0_dbhz, help="screening [dB-Hz]"
+    )
     parser.add_argument("--live", action="store_true", help="without the smoother")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--json", action="store_true")
@@ -80,7 +82,8 @@ def simulated(arguments: argparse.Namespace) -> Iterable[tuple[str, dict[str, An
             config = SimulationConfig(name=f"s{seed}", seed=seed, duration=arguments.duration)
             drives.append(load(simulate_folder(config, Path(folder) / f"s{seed}")))
         methods = LIVE if arguments.live else f"{LIVE},{SMOOTHED}"
-        found = compared(drives, methods, "60/180:2-3", Config(), 1, arguments.jobs)
+        config = configuration(arguments)
+        found = compared(drives, methods, "60/180:2-3", config, 1, arguments.jobs)
         yield "simulated GREAT urban, 60 s with 2–3 satellites", found
 
 
@@ -89,20 +92,26 @@ def comma2k19(arguments: argparse.Namespace) -> Iterable[tuple[str, dict[str, An
     drive = load(arguments.data / "comma2k19-example1")
     for count in (2, 3):
         found = compared(
-            [drive], "all", f"10-end:{count}", Config(), arguments.seeds, arguments.jobs
+            [drive],
+            "all",
+            f"10-end:{count}",
+            configuration(arguments),
+            arguments.seeds,
+            arguments.jobs,
         )
         yield f"comma2k19, {count} satellites from second 10 on", found
 
 
 def fixes(arguments: argparse.Namespace) -> Iterable[tuple[str, dict[str, Any]]]:
     """Yield each recorded drive without raw GNSS, by length of the spells."""
+    constrained = configuration(arguments, nhc="on")
     folders = sorted(p for p in (arguments.data / "oakville-drives").iterdir() if p.is_dir())
     for folder in (*folders, arguments.data / "rtklibexplorer-drive"):
         drive = load(folder)
         for duration in (15, 30, 60):
             spec = f"{duration}/{duration + 45}@0,{(duration + 45) // 3},{2 * (duration + 45) // 3}"
             try:
-                found = compared([drive], FIXES, spec, CONSTRAINED, 1, arguments.jobs)
+                found = compared([drive], FIXES, spec, constrained, 1, arguments.jobs)
             except NavError as error:
                 found = {"not_available": str(error)}
             yield f"{folder.name}, {duration} s without GNSS", found
@@ -111,12 +120,19 @@ def fixes(arguments: argparse.Namespace) -> Iterable[tuple[str, dict[str, Any]]]
 def spirent(arguments: argparse.Namespace) -> Iterable[tuple[str, dict[str, Any]]]:
     """Yield the full run, then two or three satellites."""
     drive = load(arguments.data / "instinct" / "spirent_dynamic")
-    whole = evaluate(navigate(drive, CONSTRAINED), drive)
+    constrained = configuration(arguments, nhc="on")
+    whole = evaluate(navigate(drive, constrained), drive)
     yield "Spirent, all satellites", {"errors": whole.metrics, "consistency": whole.consistency}
     methods = LIVE if arguments.live else f"{LIVE},{SMOOTHED}"
     spec = "60/180:2-3@0,60,120"
-    found = compared([drive], methods, spec, CONSTRAINED, arguments.seeds // 4 or 1, arguments.jobs)
+    seeds = arguments.seeds // 4 or 1
+    found = compared([drive], methods, spec, constrained, seeds, arguments.jobs)
     yield "Spirent, 60 s with 2–3 satellites", found
+
+
+def configuration(arguments: argparse.Namespace, nhc: str = "auto") -> Config:
+    """Return the configuration of an experiment; `nhc` where the mounting is known all the same."""
+    return from_tables({"gnss": {"min_cn0_dbhz": arguments.min_cn0}, "vehicle": {"nhc": nhc}})
 
 
 def compared(
