@@ -82,8 +82,8 @@ def simulated(arguments: argparse.Namespace) -> Iterable[tuple[str, dict[str, An
             config = SimulationConfig(name=f"s{seed}", seed=seed, duration=arguments.duration)
             drives.append(load(simulate_folder(config, Path(folder) / f"s{seed}")))
         methods = LIVE if arguments.live else f"{LIVE},{SMOOTHED}"
-        config = configuration(arguments)
-        found = compared(drives, methods, "60/180:2-3", config, 1, arguments.jobs)
+        plain = configuration(arguments)
+        found = compared(drives, methods, "60/180:2-3", plain, 1, arguments.jobs)
         yield "simulated GREAT urban, 60 s with 2–3 satellites", found
 
 
