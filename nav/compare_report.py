@@ -9,38 +9,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from filters.earth import lla_to_ecef
 from filters.errors import DataError
 from filters.rotation import FloatArray
-from nav import figures
+from nav import page
 from nav.compare import (
     SIDECAR,
     Comparison,
     Run,
-    SpellFigures,
     as_dict,
     figures_of,
     reduced,
     thin_track,
 )
-from nav.report import _STYLE, _table
+from nav.compare_figures import drift_figure, growth_figure, track_figure
 from nav.results import is_result, read_result
 from nav.summary import strict
 from nav.verdict import length, percent, quantity
 
 PAGE, DATA = "comparison.html", "comparison.json"
-
-#: Colour by what a method is at heart; line by what was added.
-_COLOURS = {
-    "gnss-only": figures.GREY, "alignment-only": "#CC79A7", "lc4": figures.VERMILLION,
-    "lc+ddia": figures.ORANGE, "lc+rows": figures.BLUE,
-}  # fmt: skip
-_OTHERS = (figures.GREEN, figures.SKY, "#CC79A7", figures.INK)
-_LINES = {"": "-", "+vehicle": "--", "+smooth": ":", "+vehicle+smooth": "-."}
-#: Below this nothing in a comparison of metres matters, and a logarithm needs an end [m].
-_LEAST = 0.1
 
 #: What is added from one method to the next: name, from, to.
 _STEPS = (
@@ -139,10 +127,10 @@ def _run_from(path: Path) -> tuple[Run, str, FloatArray | None]:
 def build_page(comparison: Comparison) -> str:
     """Return the comparison as one HTML page that loads nothing from anywhere."""
     table = {name: figures_of(comparison.of(name)) for name in comparison.methods}
-    title = escape(", ".join(comparison.reference) or "Comparison")
+    title = ", ".join(comparison.reference) or "Comparison"
     body = "\n".join(
         [
-            f"<h1>{title}</h1>",
+            f"<h1>{escape(title)}</h1>",
             f'<p class="meta">{escape(_what(comparison))}</p>',
             _verdict(table),
             _drift_section(comparison, table),
@@ -156,12 +144,7 @@ def build_page(comparison: Comparison) -> str:
             _notes_section(comparison, table),
         ]
     )
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{title}: methods compared · certnav</title>\n<style>{_STYLE}</style>\n</head>\n"
-        f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
-    )
+    return page.document(f"{title}: methods compared · certnav", body)
 
 
 def _what(comparison: Comparison) -> str:
@@ -225,15 +208,15 @@ def _drift_section(comparison: Comparison, table: dict[str, Any]) -> str:
         return ""
     head = ["method", "spells", "median", "RMS", "95 %", "largest error, RMS", "at end, median",
             "velocity, RMS", "heading, RMS"]  # fmt: skip
-    image = _image(
-        _drift_figure, comparison, "Drift per method",
+    image = page.image(
+        drift_figure, comparison, "Drift per method",
         "Each dot a spell; bar: median; diamond: RMS of maxima. Logarithmic.",
     )  # fmt: skip
     return (
         "<h2>Drift per spell</h2>\n<p>How far the horizontal error has moved since the spell "
         "began, at its worst: max |e(t) − e(t₀)|. The further columns: largest horizontal error, "
         "horizontal error at the end of the spell, largest horizontal velocity error, and change "
-        f"of the heading error.</p>\n{_table(head, rows)}\n{image}"
+        f"of the heading error.</p>\n{page.table(head, rows)}\n{image}"
     )
 
 
@@ -247,12 +230,12 @@ def _steps_section(table: dict[str, Any]) -> str:
     if not rows:
         return ""
     head = ["step", "", "drift before", "after", ""]
-    return f"<h2>What each step bought</h2>\n{_table(head, rows, numbers_from=2)}"
+    return f"<h2>What each step bought</h2>\n{page.table(head, rows, numbers_from=2)}"
 
 
 def _growth_section(comparison: Comparison) -> str:
-    image = _image(
-        _growth_figure, comparison, "Drift against time since loss",
+    image = page.image(
+        growth_figure, comparison, "Drift against time since loss",
         "Thin: every spell; shaded: from the smallest to the largest; thick: median. Logarithmic, "
         "ends at 0.1 m.",
     )  # fmt: skip
@@ -260,8 +243,8 @@ def _growth_section(comparison: Comparison) -> str:
 
 
 def _track_section(comparison: Comparison) -> str:
-    return "<h2>Tracks</h2>\n" + _image(
-        _track_figure, comparison, "Tracks of all methods",
+    return "<h2>Tracks</h2>\n" + page.image(
+        track_figure, comparison, "Tracks of all methods",
         "First variant of each drive. Wide grey: what it is judged by. The map covers the "
         "reference; what leaves it is cut off.",
     )  # fmt: skip
@@ -285,7 +268,7 @@ def _error_section(table: dict[str, Any]) -> str:
     return (
         "<h2>Errors over the whole drive</h2>\n<p>Spells and all; where there are several runs, "
         "the median of their figures. Available: epochs with a solution that is not merely the "
-        f"last one held.</p>\n{_table(head, rows)}"
+        f"last one held.</p>\n{page.table(head, rows)}"
     )
 
 
@@ -300,7 +283,7 @@ def _consistency_section(table: dict[str, Any]) -> str:
     head = ["method", "NEES in spells (ideal 3)", "outside (ideal 3)", "NIS per dof (ideal 1)"]
     return (
         "<h2>Consistency</h2>\n<p>Mean of eᵀP⁻¹e of position, three degrees of freedom. Above 3 "
-        "the method claims more than it knows; below, less.</p>\n" + _table(head, rows)
+        "the method claims more than it knows; below, less.</p>\n" + page.table(head, rows)
     )
 
 
@@ -317,7 +300,7 @@ def _update_section(table: dict[str, Any]) -> str:
     head = ["method", "update", "offered", "accepted", "", "NIS per dof"]
     return (
         "<h2>Updates</h2>\n<details><summary>What each method used</summary>"
-        f"{_table(head, rows, numbers_from=2)}</details>"
+        f"{page.table(head, rows, numbers_from=2)}</details>"
     )
 
 
@@ -335,7 +318,7 @@ def _alignment_section(table: dict[str, Any]) -> str:
         return ""
     head = ["method", "windows", "certified", "heading MAE", "largest", "begin in spells",
             "of these solved", "heading MAE in spells"]  # fmt: skip
-    return f"<h2>Heading of sliding-window alignment</h2>\n{_table(head, rows)}"
+    return f"<h2>Heading of sliding-window alignment</h2>\n{page.table(head, rows)}"
 
 
 def _notes_section(comparison: Comparison, table: dict[str, Any]) -> str:
@@ -350,127 +333,3 @@ def _notes_section(comparison: Comparison, table: dict[str, Any]) -> str:
 
 def _share(value: float | None) -> str:
     return "–" if value is None or not np.isfinite(value) else f"{100.0 * value:.3g} %"
-
-
-def _image(draw: Any, comparison: Comparison, alt: str, caption: str) -> str:
-    address = figures.render(draw, comparison)  # type: ignore[arg-type]
-    if address is None:
-        return ""
-    return (
-        f'<figure><img src="{address}" alt="{escape(alt)}">'
-        f"<figcaption>{escape(caption)}</figcaption></figure>"
-    )
-
-
-def style_of(method: str, methods: list[str]) -> tuple[str, str]:
-    """Return colour and line style of a method."""
-    base = method.removesuffix("+smooth").removesuffix("+vehicle")
-    unknown = [m for m in methods if m not in _COLOURS and not m.startswith(tuple(_COLOURS))]
-    if base in _COLOURS:
-        return _COLOURS[base], _LINES.get(method.removeprefix(base), "-")
-    return _OTHERS[unknown.index(method) % len(_OTHERS)], "-"
-
-
-def _spells(comparison: Comparison, method: str) -> list[SpellFigures]:
-    return [spell for run in comparison.of(method) for spell in run.spells]
-
-
-def _drift_figure(comparison: Comparison) -> Figure | None:
-    methods = [m for m in comparison.methods if _spells(comparison, m)]
-    if not methods:
-        return None
-    figure = Figure(figsize=(figures._WIDTH, 0.9 + 0.27 * len(methods)))
-    axes = figure.subplots()
-    for k, method in enumerate(methods):
-        drift = np.maximum([s.drift for s in _spells(comparison, method)], _LEAST / 2)
-        colour, _ = style_of(method, methods)
-        axes.plot(drift, np.full(drift.size, k), "o", color=colour, markersize=4, alpha=0.35,
-                  markeredgewidth=0)  # fmt: skip
-        axes.plot([np.median(drift)] * 2, [k - 0.35, k + 0.35], color=figures.INK, linewidth=1.8)
-        rms = float(np.sqrt(np.mean(drift**2)))
-        axes.plot(rms, k, "D", color=colour, markeredgecolor=figures.INK, markersize=6)
-    axes.set_xscale("log")
-    axes.set_yticks(range(len(methods)), methods)
-    axes.invert_yaxis()
-    axes.set_xlabel("horizontal drift of a spell [m]")
-    return figure
-
-
-def _growth_figure(comparison: Comparison) -> Figure | None:
-    methods = [m for m in comparison.methods if _spells(comparison, m)]
-    if not methods:
-        return None
-    columns = min(4, len(methods))
-    rows = -(-len(methods) // columns)
-    figure = Figure(figsize=(figures._WIDTH, 0.4 + 2.0 * rows))
-    grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    for axes in grid.ravel()[len(methods) :]:
-        axes.set_visible(False)
-    for axes, method in zip(grid.ravel(), methods, strict=False):
-        spells = _spells(comparison, method)
-        colour, _ = style_of(method, methods)
-        size = max(s.since.size for s in spells)
-        curves = np.full((len(spells), size), np.nan)
-        for curve, spell in zip(curves, spells, strict=True):
-            curve[: spell.since.size] = np.maximum(spell.growth, _LEAST)
-        since = np.arange(size, dtype=float)
-        for curve in curves[:60]:
-            axes.plot(since, curve, color=colour, linewidth=0.5, alpha=0.35)
-        axes.fill_between(since, np.nanmin(curves, axis=0), np.nanmax(curves, axis=0),
-                          color=colour, alpha=0.12, linewidth=0)  # fmt: skip
-        axes.plot(since, np.nanmedian(curves, axis=0), color=colour, linewidth=2.2)
-        axes.set_title(method)
-        axes.set_yscale("log")
-        axes.set_ylim(bottom=_LEAST)
-    for axes in grid[:, 0]:
-        axes.set_ylabel("drift [m]")
-    for axes in grid[-1]:
-        axes.set_xlabel("time since loss [s]")
-    return figure
-
-
-def _track_figure(comparison: Comparison) -> Figure | None:
-    names = list(dict.fromkeys(run.sequence for run in comparison.runs if run.track.size))[:4]
-    if not names:
-        return None
-    columns = min(2, len(names))
-    rows = -(-len(names) // columns)
-    size = (figures._WIDTH, 6.4 if columns == 1 else 0.6 + 5.0 * rows)
-    figure = Figure(figsize=size)
-    grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes in grid[len(names) :]:
-        axes.set_visible(False)
-    for axes, name in zip(grid, names, strict=False):
-        runs: dict[str, Run] = {}
-        for run in comparison.runs:
-            if run.sequence == name and run.track.size:
-                runs.setdefault(run.method, run)
-        judged = comparison.reference.get(name)
-        origin = (judged if judged is not None else next(iter(runs.values())).track)[0]
-        if judged is not None:
-            east, north = _metres(judged, origin)
-            axes.plot(east, north, color="#111111", linewidth=5.0, alpha=0.25, label="reference")
-        for method, run in runs.items():
-            east, north = _metres(run.track, origin)
-            colour, line = style_of(method, comparison.methods)
-            axes.plot(east, north, color=colour, linestyle=line, linewidth=1.1, label=method)
-        shown = _metres(judged if judged is not None else next(iter(runs.values())).track, origin)
-        middle = np.array([(v.min() + v.max()) / 2 for v in shown])
-        half = 0.6 * max(20.0, *(float(np.ptp(v)) for v in shown))
-        axes.set_aspect("equal", adjustable="box")
-        wide = 1.5 if columns == 1 else 1.0
-        axes.set_xlim(middle[0] - wide * half, middle[0] + wide * half)
-        axes.set_ylim(middle[1] - half, middle[1] + half)
-        axes.set_title(name)
-        axes.set_xlabel("east of start [m]")
-        axes.set_ylabel("north of start [m]")
-    handles, labels = grid[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right upper", ncols=1)
-    return figure
-
-
-def _metres(track: FloatArray, origin: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return metres east and north of `origin` on a sphere: for drawing, to a few per mille."""
-    per_degree = np.radians(1.0) * 6.371e6
-    east = (track[:, 0] - origin[0]) * per_degree * np.cos(np.radians(origin[1]))
-    return east, (track[:, 1] - origin[1]) * per_degree

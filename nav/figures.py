@@ -11,6 +11,7 @@ import base64
 import io
 import re
 from collections.abc import Callable
+from typing import TypeVar
 
 import matplotlib
 import numpy as np
@@ -27,6 +28,8 @@ from nav.evaluation import rpy_covariance, standard_deviation, usable_at
 from nav.formats import geodetic_and_ned
 from nav.results import Result
 
+T = TypeVar("T")
+
 BLUE, ORANGE, GREEN, VERMILLION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, GREY, INK = "#56B4E9", "#8A8F98", "#1F2933"
 #: Colours of the three GNSS states of `gnss_state`, on the map; and of the shading, behind lines.
@@ -34,7 +37,7 @@ STATE_COLOURS = (BLUE, ORANGE, VERMILLION)
 _SHADES = (None, "#FBE7BF", "#DCDFE4")
 
 #: A page is 1120 px wide; figures are drawn in inches of 100 px, so 9 pt is 12.5 px.
-_WIDTH = 11.2
+WIDTH = 11.2
 _STYLE = {
     "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 9.0,
     "axes.labelsize": 9.0, "xtick.labelsize": 8.5, "ytick.labelsize": 8.5,
@@ -52,10 +55,10 @@ _NED = ("north", "east", "down")
 _RPY = ("roll", "pitch", "heading")
 
 
-def render(draw: Callable[[Result], Figure | None], result: Result) -> str | None:
+def render(draw: Callable[[T], Figure | None], shown: T) -> str | None:
     """Return a figure as a ``data:`` address (SVG), or None where it has nothing to show."""
     with matplotlib.rc_context(_STYLE):
-        figure = draw(result)
+        figure = draw(shown)
         if figure is None:
             return None
         buffer = io.StringIO()
@@ -143,7 +146,7 @@ def satellites(result: Result) -> Figure | None:
     epochs = result.solution.epochs
     if not epochs.time.size:
         return None
-    figure = Figure(figsize=(_WIDTH, 2.5))
+    figure = Figure(figsize=(WIDTH, 2.5))
     axes = figure.subplots()
     t = epochs.time - result.solution.trajectory.time[0]
     for count, colour, name in ((epochs.tracked, GREY, "tracked"), (epochs.usable, BLUE, "usable")):
@@ -162,7 +165,7 @@ def position(result: Result) -> Figure:
     """Draw the position errors north, east and down with the filter's ±3σ."""
     trajectory = result.solution.trajectory
     sigma3 = 3.0 * standard_deviation(trajectory.cov_pos_n)
-    figure = Figure(figsize=(_WIDTH, 5.6))
+    figure = Figure(figsize=(WIDTH, 5.6))
     grid = figure.subplots(3, 1, sharex=True, squeeze=False)
     for k, axes in enumerate(grid[:, 0]):
         _error_panel(axes, result, result.evaluation.error_pos_n[:, k], sigma3[:, k], _NED[k], "m")
@@ -196,7 +199,7 @@ def biases(result: Result) -> Figure:
         ("gyro", "deg/h", trajectory.gyro_bias * per_degph, trajectory.std_gyro_bias * per_degph),
         ("accelerometer", "mg", trajectory.accel_bias * per_mg, trajectory.std_accel_bias * per_mg),
     )
-    figure = Figure(figsize=(_WIDTH, 5.2))
+    figure = Figure(figsize=(WIDTH, 5.2))
     grid = figure.subplots(3, 2, sharex=True)
     for (sensor, unit, bias, std), column in zip(sides, grid.T, strict=True):
         for k, axes in enumerate(column):
@@ -217,7 +220,7 @@ def innovations(result: Result) -> Figure | None:
     kinds = list(dict.fromkeys(u.kind for u in updates))
     if not kinds:
         return None
-    figure = Figure(figsize=(_WIDTH, 0.7 + 2.1 * len(kinds)))
+    figure = Figure(figsize=(WIDTH, 0.7 + 2.1 * len(kinds)))
     grid = figure.subplots(len(kinds), 2, squeeze=False, width_ratios=[8, 1], sharey=True)
     start = result.solution.trajectory.time[0]
     normal = np.linspace(-6.0, 6.0, 121)
@@ -266,7 +269,7 @@ def _value_and_error(
     raw: FloatArray | None = None,
 ) -> Figure:
     t = result.solution.trajectory.time - result.solution.trajectory.time[0]
-    figure = Figure(figsize=(_WIDTH, 5.6))
+    figure = Figure(figsize=(WIDTH, 5.6))
     grid = figure.subplots(3, 2, sharex=True)
     for k, (left, right) in enumerate(grid):
         wrap = 360.0 if names[k] == "heading" else None

@@ -9,51 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from datasets.gpstime import to_calendar, to_week_sow
-from nav import figures
+from nav import figures, page
 from nav.evaluation import normalised_nis, standard_deviation
 from nav.results import Result, read_result
 from nav.verdict import duration, gate_activity, length, quantity, verdict
-
-_STYLE = """
-:root { --ink: #1f2933; --quiet: #5b6673; --rule: #dfe3e8; --accent: #0072b2; }
-* { box-sizing: border-box; }
-body { margin: 0; color: var(--ink); background: #fff;
-  font: 15px/1.5 "Source Sans 3", "Segoe UI", "Helvetica Neue", Helvetica, Arial, sans-serif; }
-main { max-width: 1168px; margin: 0 auto; padding: 32px 24px 64px; }
-h1 { font-size: 30px; line-height: 1.2; margin: 0; letter-spacing: -0.01em; }
-h2 { font-size: 19px; margin: 44px 0 6px; padding-top: 14px; border-top: 1px solid var(--rule); }
-h3 { font-size: 15px; margin: 18px 0 4px; }
-p { margin: 4px 0 10px; max-width: 90ch; }
-.meta { max-width: none; }
-.meta, figcaption, .note { color: var(--quiet); font-size: 14px; }
-.verdict { font-size: 17px; line-height: 1.5; margin: 18px 0; padding: 2px 0 2px 16px;
-  border-left: 4px solid var(--accent); max-width: 92ch; }
-.verdict strong { font-weight: 600; }
-.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); gap: 1px;
-  background: var(--rule); border: 1px solid var(--rule); margin: 22px 0 8px; }
-.cards div { background: #fff; padding: 10px 14px; }
-.cards b { display: block; font-size: 24px; font-weight: 600; line-height: 1.25; }
-.cards span { color: var(--quiet); font-size: 13px; }
-.split { display: grid; grid-template-columns: minmax(0, 720px) minmax(0, 1fr); gap: 32px; }
-figure { margin: 8px 0 0; }
-figure img { display: block; width: 100%; height: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 14px; }
-th, td { padding: 4px 14px 4px 0; text-align: left; vertical-align: top;
-  border-bottom: 1px solid var(--rule); }
-thead th { color: var(--quiet); font-weight: 600; font-size: 13px; }
-tbody th { font-weight: 400; }
-td.n, th.n { text-align: right; padding-left: 10px; }
-.split table { width: 100%; }
-ul { margin: 4px 0 10px; padding-left: 20px; max-width: 90ch; }
-pre { background: #f5f6f8; padding: 14px 16px; overflow-x: auto;
-  font-size: 13px; line-height: 1.45; }
-summary { cursor: pointer; }
-@media (max-width: 900px) { .split { grid-template-columns: 1fr; } }
-@media print {
-  main { max-width: none; padding: 0; } body { font-size: 10.5pt; }
-  figure, table, .cards { break-inside: avoid; } h2 { break-after: avoid; }
-}
-"""
 
 
 def write_report(directory: Path) -> Path:
@@ -85,12 +44,7 @@ def build_report(result: Result) -> str:
             _run_section(result),
         ]
     )  # fmt: skip
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{title} · certnav</title>\n<style>{_STYLE}</style>\n</head>\n"
-        f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
-    )
+    return page.document(f"{result.name} · certnav", body)
 
 
 def _verdict(result: Result) -> str:
@@ -139,7 +93,7 @@ def _track_section(result: Result) -> str:
             f" Wide grey line: reference ({evaluation.source}), which follows the "
             f"{evaluation.point.replace('imu', 'IMU')}; the solution follows the IMU."
         )
-    image = _image(figures.track, result, "Track of the vehicle", caption)
+    image = page.image(figures.track, result, "Track of the vehicle", caption)
     return (
         f'<h2>Track</h2>\n<div class="split"><div>{image}</div><div>{_metrics(result)}</div></div>'
     )
@@ -168,7 +122,7 @@ def _metrics(result: Result) -> str:
         ("NEES position (ideal 3)", quantity(consistency["nees_position_mean"], "")),
         ("NIS per dof (ideal 1)", quantity(consistency["nis_mean"], "")),
     ]
-    table = _table(["Solution − reference", ""], rows)
+    table = page.table(["Solution − reference", ""], rows)
     return table + (
         f'<p class="note">{reference["epochs_compared"]} reference epochs compared, '
         f"{reference['epochs_left_out']} left out because the solution does not cover them.</p>"
@@ -189,7 +143,7 @@ def _claims(result: Result) -> str:
     rows.append(
         ("NIS per dof (ideal 1)", quantity(result.evaluation.consistency["nis_mean"], ""), "")
     )
-    return _table(["The filter claims", "median", "largest"], rows) + (
+    return page.table(["The filter claims", "median", "largest"], rows) + (
         '<p class="note">No reference: there is nothing to compare these claims with.</p>'
     )
 
@@ -199,7 +153,7 @@ def _satellite_section(result: Result) -> str:
         "Dashed: 4, below which there is no position, and 2, below which there is no velocity. "
         "Shaded in this and every later plot: where fewer than 4 were usable."
     )
-    image = _image(figures.satellites, result, "Satellites over time", caption)
+    image = page.image(figures.satellites, result, "Satellites over time", caption)
     if not image:
         image = (
             "<p>No satellite observations in this run; plots are shaded where no position was "
@@ -237,15 +191,7 @@ def _attitude_caption(result: Result) -> str:
 
 
 def _figure_section(title: str, draw, result: Result, caption: str) -> str:
-    return f"<h2>{title}</h2>\n{_image(draw, result, f'{title} over time', caption)}"
-
-
-def _image(draw, result: Result, alt: str, caption: str) -> str:
-    address = figures.render(draw, result)
-    if address is None:
-        return ""
-    text = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
-    return f'<figure><img src="{address}" alt="{escape(alt)}">{text}</figure>'
+    return f"<h2>{title}</h2>\n{page.image(draw, result, f'{title} over time', caption)}"
 
 
 def _update_section(result: Result) -> str:
@@ -257,9 +203,9 @@ def _update_section(result: Result) -> str:
         although = counts.get("accepted_although", {})
         rows += [("", reason, "", n, "", "") for reason, n in although.items()]
     headings = ["update", "reason", "offered", "accepted", "not used", "NIS per dof"]
-    table = _table(headings, rows, numbers_from=2) if rows else "<p>No update was offered.</p>"
+    table = page.table(headings, rows, numbers_from=2) if rows else "<p>No update was offered.</p>"
     gates = "".join(f"<li>{escape(s[0].upper() + s[1:])}</li>" for s in gate_activity(result))
-    image = _image(
+    image = page.image(
         figures.innovations,
         result,
         "Whitened innovations of each kind of update",
@@ -292,16 +238,3 @@ def _run_section(result: Result) -> str:
         + "<h3>Configuration</h3><details><summary>Configuration in force</summary>"
         f"<pre>{escape(result.config_text)}</pre></details>"
     )
-
-
-def _table(headings: list[str], rows: list[tuple], numbers_from: int = 1) -> str:
-    def cell(tag: str, k: int, value: object) -> str:
-        kind = ' class="n"' if k >= numbers_from else ""
-        return f"<{tag}{kind}>{escape(str(value))}</{tag}>"
-
-    head = "".join(cell("th", k, text) for k, text in enumerate(headings))
-    lines = (
-        "<tr>" + "".join(cell("th" if k == 0 else "td", k, v) for k, v in enumerate(row)) + "</tr>"
-        for row in rows
-    )
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import json
 import math
 import os
@@ -17,6 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from filters.errors import DataError
+from nav import page
 from nav.tuning import PAPER, Tuning
 
 #: Okabe–Ito: distinguishable with any colour vision.
@@ -49,7 +48,7 @@ def write_tuning(tuning: Tuning, out: str | Path) -> Path:
         pictures = {"trade_off": trade_off_figure(tuning), "heat_map": heat_map_figure(tuning)}
         for name, figure in pictures.items():
             figure.savefig(draft / f"{name}.png", dpi=120)
-        (draft / "tuning.html").write_text(_page(tuning, pictures), encoding="utf-8")
+        (draft / "tuning.html").write_text(_page(tuning), encoding="utf-8")
         draft.chmod(0o755)
         if out.exists():
             shutil.rmtree(out)
@@ -212,17 +211,7 @@ def heat_map_figure(tuning: Tuning) -> Figure:
     return figure
 
 
-_STYLE = """body { font: 15px/1.5 "Segoe UI", Helvetica, Arial, sans-serif; color: #1f2933;
-  max-width: 1000px; margin: 0 auto; padding: 24px; }
-h1 { font-size: 26px; margin: 0; } h2 { font-size: 18px; margin: 32px 0 6px; }
-.verdict { font-size: 17px; border-left: 4px solid #0072b2; padding-left: 14px; }
-table { border-collapse: collapse; font-size: 14px; font-variant-numeric: tabular-nums; }
-th, td { padding: 3px 14px 3px 0; text-align: right; border-bottom: 1px solid #dfe3e8; }
-th:first-child, td:first-child { text-align: left; } img { max-width: 100%; }
-.note { color: #5b6673; font-size: 14px; }"""
-
-
-def _page(tuning: Tuning, pictures: dict[str, Figure]) -> str:
+def _page(tuning: Tuning) -> str:
     t, best = tuning.thresholds, tuning.at(tuning.thresholds.min_cn0_dbhz, tuning.thresholds.min_k)
     assert best is not None
     what = "pairs" if tuning.objective == "velocity" else "epochs"
@@ -235,13 +224,13 @@ def _page(tuning: Tuning, pictures: dict[str, Figure]) -> str:
     )
     body = [
         "<h1>Thresholds for Doppler velocity below four satellites</h1>",
-        f'<p class="note">{escape(_names(tuning))} · objective {tuning.objective}</p>',
+        f'<p class="meta">{escape(_names(tuning))} · objective {tuning.objective}</p>',
         f'<p class="verdict">{escape(verdict)}</p>',
         "<h2>Trade-off</h2>",
-        _image(pictures["trade_off"], "RMS against retention"),
-        _image(pictures["heat_map"], "RMS and retention over thresholds"),
+        page.image(trade_off_figure, tuning, "RMS against retention", ""),
+        page.image(heat_map_figure, tuning, "RMS and retention over thresholds", ""),
         f"<h2>Cross-validation over {tuning.folds_by}</h2>",
-        _table(
+        page.table(
             ["left out", "C/N0 [dB-Hz]", "k", f"RMS [{tuning.unit}]", "retained"],
             [
                 [f.left_out, f"{f.snr:g}", f"{f.k:g}", f"{f.rms:.3g}", f"{f.retention:.0%}"]
@@ -251,12 +240,7 @@ def _page(tuning: Tuning, pictures: dict[str, Figure]) -> str:
         *_statistics(tuning),
         *(f'<p class="note">{escape(note)}</p>' for note in tuning.notes),
     ]
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f"<title>Thresholds · certnav</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
-        + "\n".join(body)
-        + "\n</body>\n</html>\n"
-    )
+    return page.document("Thresholds · certnav", "\n".join(body))
 
 
 def _statistics(tuning: Tuning) -> list[str]:
@@ -274,27 +258,12 @@ def _statistics(tuning: Tuning) -> list[str]:
         ]  # fmt: skip
         head = ["pairs", "number", "k ≤ 0.05", "RMS [m/s]", "> 3 RMS", "RMS without [m/s]",
                 "C/N0 [dB-Hz]", "rank corr. k", "rank corr. C/N0"]  # fmt: skip
-        out += ["<h2>Statistics</h2>", _table(head, rows)]
+        out += ["<h2>Statistics</h2>", page.table(head, rows)]
     if tuning.noise:
         rows = [
             [name, f"{f.noise.floor:.3f}", f"{f.noise.sigma_45:.3f}", f"{f.noise.decade_db:.1f}"]
             for name, f in tuning.noise.items()
         ]
         head = ["Doppler noise", "floor [m/s]", "at 45 dB-Hz [m/s]", "tenfold per [dB]"]
-        out += ["<h2>Receivers</h2>", _table(head, rows)]
+        out += ["<h2>Receivers</h2>", page.table(head, rows)]
     return out
-
-
-def _image(figure: Figure, text: str) -> str:
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=110)
-    data = base64.b64encode(stream.getvalue()).decode("ascii")
-    return f'<p><img alt="{escape(text)}" src="data:image/png;base64,{data}"></p>'
-
-
-def _table(head: list[str], rows: list[list[str]]) -> str:
-    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
-    return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
