@@ -10,7 +10,6 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
 from datasets.columns import Column, TextFile
 from filters.rotation import FloatArray
@@ -39,6 +38,7 @@ _TRIADS = {
         (r"^v(el(ocity)?)?_?{}$", "xyz"),
     ],
 }
+_SPELT_OUT = {"n": "n(orth)?", "e": "e(ast)?", "d": "d(own)?", "u": "u(p)?"}
 _PLACES = {
     "lat": r"(^|[^a-z])lat(itude)?$",
     "lon": r"(^|[^a-z])(lon|lng|long)(gitude|itude)?$",
@@ -85,6 +85,8 @@ def sample(source: TextFile) -> Sampled:
     rows = [line.split(source.separator) for line in source.lines if line.strip()][:_ROWS]
     width = source.width
     cells = [(row + [""] * width)[:width] for row in rows]
+    import pandas as pd  # slow to import
+
     frame = pd.DataFrame(cells).apply(pd.to_numeric, errors="coerce")
     names = source.names or ("",) * width
     return Sampled(source, frame.to_numpy(dtype=float), tuple(_plain(name) for name in names))
@@ -124,7 +126,7 @@ def week_index(table: Sampled) -> int | None:
 def triad(table: Sampled, role: str) -> tuple[list[int], str] | None:
     """Return three columns by name, and the letters they were found by ('xyz', 'ned', 'enu')."""
     for pattern, letters in _TRIADS[role]:
-        hits = [table.find(pattern.format(letter)) for letter in letters]
+        hits = [table.find(pattern.format(_SPELT_OUT.get(x, x))) for x in letters]
         if all(hits):
             return [h[0] for h in hits], letters
     return None

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.text_tables import Table, read_lines, read_table, starts_with_number
+from datasets.text_tables import Table, checked_lines, read_lines, read_table, starts_with_number
 from filters.errors import ConfigError, DataError
 from filters.rotation import FloatArray
 
@@ -215,7 +215,8 @@ def _is_gzip(path: Path) -> bool:
 
 def _gunzip(path: Path) -> list[str]:
     try:
-        return gzip.decompress(path.read_bytes()).decode("utf-8-sig").splitlines()
+        text = gzip.decompress(path.read_bytes()).decode("utf-8-sig")
+        return checked_lines(path, text.splitlines())
     except (OSError, EOFError, zlib.error):
         raise DataError("damaged gzip file", file=path, remedy="copy it again") from None
     except UnicodeDecodeError:
@@ -241,14 +242,18 @@ def _separator(row: str) -> str | None:
     return next((s for s in (";", ",", "\t") if s in row), None)
 
 
+def _cells(line: str, separator: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:  # such as a cell of more than 128 KiB: no header has one
+        return []
+
+
 def _header(before: list[str], separator: str | None, width: int) -> tuple[str, ...]:
     """Return the names of the last line before the rows that has as many as there are columns."""
     for line in reversed(before):
         cleaned = line.strip().lstrip("#%").strip() if _is_comment(line) else line
-        if separator is None:
-            names = cleaned.split()
-        else:
-            names = next(csv.reader([cleaned], delimiter=separator), [])
+        names = cleaned.split() if separator is None else _cells(cleaned, separator)
         if len(names) == width:
             return tuple(name.strip().strip('"') for name in names)
     return ()

@@ -15,12 +15,12 @@ fit the pose with the first and miss it by 0.12–0.14 s with the second (2 m at
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from datasets import gpstime
 from datasets.physics import check_gravity, check_gyro, course_of
@@ -33,7 +33,7 @@ from datasets.sequence import (
     Reference,
     Sequence,
 )
-from datasets.text_tables import sampling_note
+from datasets.text_tables import check_head, sampling_note
 from filters.earth import SPEED_OF_LIGHT, C_en_at, C_en_of, lla_to_ecef
 from filters.errors import DataError
 from filters.rotation import FloatArray, rpy_from_matrix
@@ -41,6 +41,11 @@ from filters.sensors import imu_preset
 
 _IMU, _GNSS, _POSE = "processed_log/IMU", "processed_log/GNSS", "global_pose"
 _SATELLITES = "derived/gps_ublox_with_satpv.csv"
+#: What `numpy.load` says of a damaged file.
+_NO_ARRAY = (
+    *(ValueError, TypeError, OSError, EOFError, SyntaxError, OverflowError, MemoryError),
+    *(RecursionError, TokenError, zipfile.BadZipFile),
+)
 _GPS_L1 = SPEED_OF_LIGHT / 1575.42e6
 _SATELLITE_COLUMNS = (
     *("sat_x_m", "sat_y_m", "sat_z_m", "sat_vx_mps", "sat_vy_mps", "sat_vz_mps"),
@@ -128,22 +133,37 @@ def _array(folder: Path, name: str, width: int = 0) -> FloatArray:
         value = np.load(file, allow_pickle=False)
     except FileNotFoundError:
         raise DataError("array not found", file=file, remedy="check the folder") from None
-    except (ValueError, OSError, EOFError) as error:
+    except _NO_ARRAY as error:
         raise DataError(f"not a numpy array: {error}".splitlines()[0], file=file) from None
+    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
+        found = getattr(value, "dtype", "an archive")
+        raise DataError(f"expected an array of real numbers, found {found}", file=file)
     shape = f"(n, {width})" if width else "(n,)"
     if value.ndim != 1 + bool(width) or (width and value.shape[1] != width):
         raise DataError(f"expected shape {shape}, found {value.shape}", file=file)
     return value.astype(float)
 
 
+def _like(folder: Path, name: str, other: FloatArray) -> FloatArray:
+    """Return a one-dimensional array that has to be as long as another one, and not empty."""
+    value = _array(folder, name)
+    if value.shape != other.shape or not value.size:
+        raise DataError(
+            f"expected {other.size} stamps, as many as it has values, found {value.size}",
+            file=folder / name,
+            remedy="the array is cut short or of another segment: copy it again",
+        )
+    return value
+
+
 def _accelerometer(folder: Path) -> FloatArray:
     """Return the accelerometer at the gyro's times: both come from one chip with one stamp."""
     gyro = _array(folder, f"{_IMU}/gyro/t")
-    time = _array(folder, f"{_IMU}/accelerometer/t")
     value = _array(folder, f"{_IMU}/accelerometer/value", 3)
+    time = _like(folder, f"{_IMU}/accelerometer/t", value[:, 0])
     if time.shape == gyro.shape and np.abs(time - gyro).max() < 1e-3:
         return value
-    if np.diff(time).min() <= 0.0:
+    if not (np.diff(time) > 0.0).all():
         raise DataError("expected increasing times", file=folder / _IMU / "accelerometer/t")
     return np.column_stack([np.interp(gyro, time, value[:, k]) for k in range(3)])
 
@@ -152,13 +172,13 @@ def _boot_to_gps(folder: Path) -> tuple[float, list[str]]:
     """Return GPS time minus boot time [s], checked for constancy."""
     week_tow = _array(folder, f"{_POSE}/frame_gps_times", 2)
     by_frame = gpstime.from_week_sow(week_tow[:, 0], week_tow[:, 1])
-    by_frame = by_frame - _array(folder, f"{_POSE}/frame_times")
+    by_frame = by_frame - _like(folder, f"{_POSE}/frame_times", by_frame)
     frame = _constant(by_frame, folder / _POSE / "frame_gps_times")
     if not (folder / _GNSS / "raw_gnss_ublox").is_dir():
         return frame, ["boot to GPS time from the frames' stamps (no raw GNSS to check them)"]
     raw = _array(folder, f"{_GNSS}/raw_gnss_ublox/value", 10)
     by_raw = gpstime.from_week_sow(raw[:, 1], raw[:, 2])
-    by_raw = by_raw - _array(folder, f"{_GNSS}/raw_gnss_ublox/t")
+    by_raw = by_raw - _like(folder, f"{_GNSS}/raw_gnss_ublox/t", by_raw)
     offset = _constant(by_raw, folder / _GNSS / "raw_gnss_ublox/t")
     return offset, [
         f"boot to GPS time from the raw GNSS; the frames' own GPS stamps are {frame - offset:.3f} "
@@ -180,6 +200,13 @@ def _constant(difference: FloatArray, file: Path) -> float:
 def _reference(folder: Path, offset: float) -> Reference:
     pos_e = _array(folder, f"{_POSE}/frame_positions", 3)
     quaternion = _array(folder, f"{_POSE}/frame_orientations", 4)
+    if len(quaternion) != len(pos_e) or not (np.linalg.norm(quaternion, axis=1) > 0.5).all():
+        raise DataError(
+            f"expected {len(pos_e)} unit quaternions, as many as there are positions",
+            file=folder / _POSE / "frame_orientations",
+        )
+    from scipy.spatial.transform import Rotation
+
     C_ec = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     C_nc = np.swapaxes(C_en_of(pos_e), 1, 2) @ C_ec
     return Reference(
@@ -199,6 +226,11 @@ def _observations(folder: Path) -> tuple[GnssObservations | None, str]:
     if not (folder / _GNSS / "raw_gnss_ublox").is_dir():
         return None, "no raw GNSS"
     raw = _array(folder, f"{_GNSS}/raw_gnss_ublox/value", 10)
+    if not np.isfinite(raw[:, :3]).all():
+        raise DataError(
+            "satellite, week and time: expected finite numbers",
+            file=folder / _GNSS / "raw_gnss_ublox/value",
+        )
     raw = raw[np.lexsort((raw[:, 0], raw[:, 1] * gpstime.SECONDS_PER_WEEK + raw[:, 2]))]
     prn = raw[:, 0].astype(int)
     gps = prn <= 32
@@ -243,10 +275,21 @@ def _satellite_states(file: Path, raw: FloatArray) -> FloatArray:
     state = np.full((len(raw), 8), np.nan)
     if not file.is_file():
         return state
-    table = pd.read_csv(file)
-    missing = [c for c in ("tow_rx_s", "prn", *_SATELLITE_COLUMNS) if c not in table]
-    if missing:
-        raise DataError(f"missing columns {', '.join(missing)}", file=file, line=1)
+    import pandas as pd
+
+    check_head(file)
+    columns = ["tow_rx_s", "prn", *_SATELLITE_COLUMNS]
+    try:
+        table = pd.read_csv(file, usecols=columns, dtype=float)
+    except (ValueError, OSError) as error:  # a missing column too
+        raise DataError(f"not readable as numbers: {error}".splitlines()[0], file=file) from None
+    good = np.isfinite(table.to_numpy()).all(axis=1) & (np.abs(table["tow_rx_s"]) < 1e6)
+    good &= table["prn"].between(1, 999)
+    if not good.all():
+        k = int(np.argmin(good.to_numpy()))
+        raise DataError("expected finite numbers in all columns", file=file, line=k + 2)
+    if not len(table):
+        return state
 
     def key(prn: FloatArray, tow: FloatArray) -> NDArray[np.int64]:
         return np.round(tow * 1e3).astype(np.int64) * 100 + prn.astype(np.int64)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ import numpy as np
 from datasets.axes import ATTITUDE, axes_matrix
 from datasets.columns import Column
 from datasets.time_scales import SCALES, UNITS, TimeScale
+from datasets.toml_files import read_toml
 from filters.errors import ConfigError, DataError
 from filters.rotation import FloatArray, matrix_from_rpy
 from filters.sensors import PRESETS, STANDARD_GRAVITY, ImuSpec, imu_preset
@@ -247,15 +247,9 @@ def read_declaration(path: str | Path) -> Declaration:
     """
     file = Path(path)
     file = file / NAME if file.is_dir() else file
-    try:
-        text = file.read_text(encoding="utf-8")
-        content = tomllib.loads(text)
-    except FileNotFoundError:
-        raise DataError(
-            "no such file", file=file, remedy="certnav declare FILE… drafts one"
-        ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise DataError(f"not readable as TOML: {error}", file=file) from None
+    if not file.exists():
+        raise DataError("no such file", file=file, remedy="certnav declare FILE… drafts one")
+    content, text = read_toml(file)
     _check_keys(file, "", content)
     sections = {}
     for name, table in content.items():
@@ -293,11 +287,14 @@ def _refuse_blanks(file: Path, text: str, content: Mapping[str, Any]) -> None:
             elif value == BLANK or (isinstance(value, list) and BLANK in value):
                 yield prefix, key
 
-    for section, key in blanks(content, ""):
+    left = list(blanks(content, ""))
+    if left:
+        section, key = left[0]
         line = _line_of(text, section, key)
         hint = text.splitlines()[line - 1].partition("#")[2].strip() if line else ""
+        more = f" (and {len(left) - 1} more)" if len(left) > 1 else ""
         raise ConfigError(
-            f"{file}:{line}: [{section}] {key} is still '{BLANK}' — fill it in"
+            f"{file}:{line}: [{section}] {key} is still '{BLANK}'{more} — fill it in"
             + (f": {hint}" if hint else "")
         )
 
@@ -329,7 +326,7 @@ def imu_spec(declaration: Declaration) -> ImuSpec:
         if key != "source" and key in section.values:
             values[key] = float(section.numbers(key, (1,), "")[0])
     if preset is not None:
-        if preset not in PRESETS:
+        if not isinstance(preset, str) or preset not in PRESETS:
             raise ConfigError.unknown_key(
                 str(preset), PRESETS, where=f"{section.file}: [imu.noise] preset"
             )

@@ -191,12 +191,29 @@ def _draft_table(table: Sampled, file: str) -> tuple[str, list[str]]:
         said = roles.unit_said(table, speed[:1], ("m/s", "km/h"))
         lines.append(_line("speed_unit", said or BLANK, "says the header" if said else _SPEEDS))
         return "odometer", lines
-    raise DataError(
-        "neither inertial data (specific force of the size of gravity), nor positions (lat, lon, "
-        "height or ECEF), nor a speed found",
-        file=table.source.file,
-        remedy="give the columns names in a header, or write the declaration by hand",
-    )
+    numeric = np.isfinite(table.value).any(axis=0).sum() - len(taken)
+    if table.source.names is None or numeric < 3:
+        raise DataError(
+            "neither inertial data (specific force of the size of gravity), nor positions (lat, "
+            "lon, height or ECEF), nor a speed found",
+            file=table.source.file,
+            remedy="give the columns names in a header, or write the declaration by hand",
+        )
+    return "gnss", lines + _unnamed_lines(table, taken)
+
+
+def _unnamed_lines(table: Sampled, taken: set[int]) -> list[str]:
+    """Return a draft for columns that neither names nor numbers tell: positions, most likely."""
+    rest = [str(table.column(k)) for k in range(table.value.shape[1]) if k not in taken]
+    lines = [
+        "# No column looks like a position; if this file holds none, it belongs to another",
+        f"# section, or to none. Its columns: {', '.join(rest)}",
+        _line("position", BLANK, "three columns: latitude, longitude, height, or X, Y, Z"),
+        _line("position_frame", BLANK, "lla or ecef"),
+        _line("angle_unit", BLANK, "deg or rad; of lla only"),
+        _line("height", BLANK, "ellipsoid; or geoid (mean sea level) with geoid_m = …; lla only"),
+    ]
+    return [*lines, *_velocity_lines(table), *_deviation_lines(table, True)]
 
 
 def _time_lines(table: Sampled) -> tuple[list[str], set[int]]:
@@ -280,17 +297,21 @@ def _pvt_lines(table: Sampled, where: list[int]) -> list[str]:
         lines.append(
             _line("height", BLANK, "ellipsoid; or geoid (mean sea level) with geoid_m = …")
         )
+    return lines + _velocity_lines(table)
+
+
+def _velocity_lines(table: Sampled) -> list[str]:
     velocity = roles.triad(table, "velocity")
-    if velocity is not None:
-        columns, letters = velocity
-        frame = letters if letters != "xyz" else BLANK
-        said = roles.unit_said(table, columns, ("m/s", "km/h"))
-        lines += [
-            _line("velocity", [table.column(k) for k in columns]),
-            _line("velocity_frame", frame, "" if frame != BLANK else "ecef, ned or enu"),
-            _line("velocity_unit", said or BLANK, "says the header" if said else _SPEEDS),
-        ]
-    return lines
+    if velocity is None:
+        return []
+    columns, letters = velocity
+    frame = letters if letters != "xyz" else BLANK
+    said = roles.unit_said(table, columns, ("m/s", "km/h"))
+    return [
+        _line("velocity", [table.column(k) for k in columns]),
+        _line("velocity_frame", frame, "" if frame != BLANK else "ecef, ned or enu"),
+        _line("velocity_unit", said or BLANK, "says the header" if said else _SPEEDS),
+    ]
 
 
 def _deviation_lines(table: Sampled, geodetic: bool) -> list[str]:

@@ -27,6 +27,7 @@ from datasets.great_files import (
     find_files,
     first_observation,
 )
+from datasets.great_files import is_great as is_great
 from datasets.great_installation import (
     IMU_PRESETS,
     Declared,

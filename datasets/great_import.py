@@ -11,6 +11,7 @@ from __future__ import annotations
 import filecmp
 import re
 import shutil
+import struct
 import tempfile
 import zipfile
 import zlib
@@ -40,6 +41,8 @@ _WANTED = {
     "navigation": "broadcast ephemerides (GNSS_RAW_DATA)",
 }
 _DAY = 86400.0
+#: What `zipfile` says of archives whose lists of contents are wrong.
+_DAMAGED = (zipfile.BadZipFile, OSError, ValueError, OverflowError, struct.error)
 
 
 @dataclass(frozen=True)
@@ -181,7 +184,7 @@ def _unpacked(
 def _open(file: Path, source: str) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(file)
-    except zipfile.BadZipFile as error:
+    except _DAMAGED as error:
         raise DataError(
             f"damaged archive: {error}", file=source, remedy="download it again"
         ) from None
@@ -193,7 +196,7 @@ def _extract(archive: zipfile.ZipFile, member: zipfile.ZipInfo, target: Path, wh
     try:
         with archive.open(member) as stream, target.open("wb") as out:
             shutil.copyfileobj(stream, out, 1 << 20)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
+    except (*_DAMAGED, zlib.error, EOFError, NotImplementedError) as error:
         raise DataError(
             f"damaged archive: {error}", file=where, remedy="download it again"
         ) from None

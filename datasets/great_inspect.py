@@ -56,6 +56,8 @@ def inspect(file: Path) -> Inspected:
     with file.open("rb") as stream:
         stream.seek(max(0, file.stat().st_size - (1 << 14)))
         last = _rows(stream.read(), first[0].size)
+    if not last:
+        return Inspected("")
     width = first[0].size
     if width == 7:
         step = float(np.median(np.diff([row[0] for row in first])))

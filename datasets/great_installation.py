@@ -8,7 +8,6 @@ here has a default that could be wrong in silence. It is declared in the call, o
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,8 @@ import numpy as np
 
 from datasets.great_files import SIDECAR
 from datasets.imu_text import GYRO_UNITS
-from filters.errors import ConfigError
+from datasets.toml_files import read_toml
+from filters.errors import ConfigError, DataError
 from filters.rotation import FloatArray
 
 #: Week of 2020-10-27 and 2020-10-29, the only days the drawn lever arms are valid for.
@@ -129,9 +129,9 @@ def sidecar(folder: Path, imu: str) -> Mapping[str, Any]:
     if not file.is_file():
         return {}
     try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{file}: not readable as TOML: {error}") from None
+        content, _ = read_toml(file)
+    except DataError as error:
+        raise ConfigError(str(error)) from None
     for key in content:
         if key not in _SIDECAR_KEYS:
             raise ConfigError.unknown_key(key, _SIDECAR_KEYS, where=str(file))

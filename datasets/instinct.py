@@ -12,18 +12,21 @@ velocity, which jitters by 0.8 mm/s around the smooth one; the reference carries
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
-from scipy.interpolate import make_lsq_spline
 
-from datasets import rtklib
 from datasets.sequence import Calibration, Reference, Sequence
-from datasets.trajectory import Trajectory, imu_measurements
+from datasets.text_tables import cannot_open, check_head
 from filters.earth import C_en_at, C_en_of, ecef_to_lla, lla_to_ecef
 from filters.errors import ConfigError, DataError
-from filters.rotation import matrix_from_rpy, rpy_from_matrix
+from filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix
 from filters.sensors import imu_preset
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from datasets.trajectory import Trajectory
 
 _MOTION = "Rover-*_motion_Spirent.csv"
 _VARIANTS = {True: "iono-Klob_tropo-Saast", False: "iono-none_tropo-none"}
@@ -68,6 +71,10 @@ def read_spirent(
     DataError
         Missing or incomplete files.
     """
+    # Slow to import, and every folder is looked at for being one of these.
+    from datasets import rtklib
+    from datasets.trajectory import imu_measurements
+
     path = Path(path)
     spec = imu_preset(imu)
     reference = _read_motion(path)
@@ -109,19 +116,27 @@ def _read_motion(path: Path) -> Reference:
     if not files:
         raise DataError(f"no {_MOTION}", file=path, remedy="name the folder spirent_dynamic")
     file = files[0]
-    with file.open(encoding="latin-1") as stream:
-        head = stream.readline().split(",")
+    try:
+        with file.open(encoding="latin-1") as stream:
+            head = stream.readline(1000).split(",")
+    except OSError as error:
+        raise cannot_open(file, error) from None
+    check_head(file, skip=1)
+    import pandas as pd
+
     columns = ["Time_ms", *_POSITION, *_VELOCITY, *_ATTITUDE]
     try:
         start = float(head[-1])
+        if not 0.0 <= start < 4e9:
+            raise ValueError(f"GPS time of the start in line 1: {start:g} s")
         table = pd.read_csv(file, skiprows=1, engine="c", usecols=columns, dtype=float)
     except ValueError as error:
         raise DataError(
-            f"expected a Spirent motion file ({error})", file=file, remedy="unpack the set again"
+            f"expected a Spirent motion file ({error})".splitlines()[0],
+            file=file,
+            remedy="unpack the set again",
         ) from None
-    if table.isna().to_numpy().any():
-        row = int(np.flatnonzero(table.isna().to_numpy().any(1))[0])
-        raise DataError("missing value", file=file, line=row + 3, remedy="unpack the set again")
+    _check_motion(table, file)
     time = start + 1e-3 * table["Time_ms"].to_numpy()
     return Reference(
         time=time,
@@ -134,12 +149,37 @@ def _read_motion(path: Path) -> Reference:
     )
 
 
+def _check_motion(table: pd.DataFrame, file: Path) -> None:
+    """Refuse what splines with 2 s between knots cannot follow."""
+
+    def refuse(bad: FloatArray, problem: str) -> None:
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise DataError(problem, file=file, line=row + 3, remedy="unpack the set again")
+
+    refuse(~np.isfinite(table.to_numpy()).all(axis=1), "expected finite numbers in all columns")
+    radius = np.linalg.norm(table[_POSITION].to_numpy(), axis=1)
+    refuse((radius < 6.3e6) | (radius > 6.5e6), "ECEF position: expected 6300 … 6500 km")
+    speed = np.linalg.norm(table[_VELOCITY].to_numpy(), axis=1)
+    refuse(speed > 1e3, "velocity: expected a road vehicle's, in m/s")
+    refuse(np.abs(table[_ATTITUDE].to_numpy()).max(axis=1) > 7.0, "attitude: expected radians")
+    time = 1e-3 * table["Time_ms"].to_numpy()
+    step = np.diff(time, prepend=time[:1] - 0.1)
+    refuse((step <= 0.0) | (step > 1.0), "Time_ms: expected steps of up to 1000, increasing")
+    if time.size < 2 or time[-1] - time[0] < 2.0 * _KNOT_STEP:
+        raise DataError(f"expected at least {2 * _KNOT_STEP:g} s of motion", file=file)
+
+
 def smooth_trajectory(reference: Reference) -> Trajectory:
     """Return a trajectory with continuous acceleration and angular rate along the truth.
 
     Least-squares quintic splines with 2 s knots replace the file's digits (0.1 mm) and the
     jitter of its heading (0.014° rms); interpolating them at the file's rate changes nothing.
     """
+    from scipy.interpolate import make_lsq_spline
+
+    from datasets.trajectory import Trajectory
+
     start = float(reference.time[0])
     t = reference.time - start
     inner = np.arange(_KNOT_STEP, t[-1] - _KNOT_STEP / 2, _KNOT_STEP)

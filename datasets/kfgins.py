@@ -326,6 +326,7 @@ def _time(table: Table, column: int, week: int) -> FloatArray:
 
 def _options(folder: Path) -> Path | None:
     found = sorted(f for f in folder.iterdir() if f.suffix.lower() in (".yaml", ".yml"))
+    found = [f for f in found if f.is_file()]
     with_lever = [f for f in found if "antlever" in f.read_text(encoding="utf-8", errors="replace")]
     if len(with_lever) > 1:
         names = ", ".join(f.name for f in with_lever)

@@ -3,41 +3,43 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from datasets.comma2k19 import is_comma2k19, read_comma2k19
-from datasets.great import read_great
-from datasets.great_files import is_great
-from datasets.kfgins import is_kfgins, read_kfgins
-from datasets.oakville import is_oakville, read_oakville
-from datasets.own_data import is_declared, read_declared
-from datasets.rtklibexplorer import is_rtklibexplorer, read_rtklibexplorer
 from datasets.sequence import Sequence
-from datasets.smartloc import is_smartloc, read_smartloc
 from filters.errors import ConfigError, DataError
 
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of recording.
+    """A kind of recording; its reader is imported when it is looked at.
 
     Attributes
     ----------
-    detect : callable
-        Takes a folder, returns whether it is one.
-    read : callable
-        Takes the folder and the reader's options, returns a `Sequence`.
+    module, name : str
+        ``datasets.<module>`` has ``is_<name>``, which takes a folder and returns whether it is
+        one, and ``read_<name>``, which takes the folder and the reader's options.
     looks_like : str
-        What `detect` looks for, for the message when nothing matches.
+        What ``is_<name>`` looks for, for the message when nothing matches.
     """
 
-    detect: Callable[[Path], bool]
-    read: Callable[..., Sequence]
+    module: str
+    name: str
     looks_like: str
+
+    @property
+    def detect(self) -> Callable[[Path], bool]:
+        """Whether a folder is one."""
+        return self._function(f"is_{self.name}")
+
+    @property
+    def read(self) -> Callable[..., Sequence]:
+        """From a folder to a `Sequence`."""
+        return self._function(f"read_{self.name}")
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -45,28 +47,25 @@ class Format:
         parameters = inspect.signature(self.read).parameters.values()
         return tuple(p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY)
 
-
-def _spirent() -> Format:
-    from datasets.instinct import is_spirent, read_spirent
-
-    return Format(is_spirent, read_spirent, "Rover-*_MO_*.obs with *_PVA_*.csv")
+    def _function(self, name: str) -> Callable[..., Any]:
+        return getattr(importlib.import_module(f"datasets.{self.module}"), name)
 
 
-#: Formats that need no GNSS library; `formats` adds the one that does.
 FORMATS: dict[str, Format] = {
-    "great": Format(is_great, read_great, "IMU/*.txt with GNSS/ or Groundtruth/, or great.toml"),
-    "comma2k19": Format(is_comma2k19, read_comma2k19, "processed_log/IMU with global_pose"),
-    "declared": Format(is_declared, read_declared, "sequence.toml"),
-    "smartloc": Format(is_smartloc, read_smartloc, "RXM-RAWX.csv"),
-    "kf-gins": Format(is_kfgins, read_kfgins, "IMU and GNSS text in KF-GINS's columns"),
-    "oakville": Format(is_oakville, read_oakville, "imu.csv[.gz] with gnss.csv[.gz]"),
-    "rtklibexplorer": Format(is_rtklibexplorer, read_rtklibexplorer, "imu_*.csv with gnss_*.pos"),
+    "great": Format("great", "great", "IMU/*.txt with GNSS/ or Groundtruth/, or great.toml"),
+    "comma2k19": Format("comma2k19", "comma2k19", "processed_log/IMU with global_pose"),
+    "declared": Format("own_data", "declared", "sequence.toml"),
+    "smartloc": Format("smartloc", "smartloc", "RXM-RAWX.csv"),
+    "kf-gins": Format("kfgins", "kfgins", "IMU and GNSS text in KF-GINS's columns"),
+    "oakville": Format("oakville", "oakville", "imu.csv[.gz] with gnss.csv[.gz]"),
+    "rtklibexplorer": Format("rtklibexplorer", "rtklibexplorer", "imu_*.csv with gnss_*.pos"),
+    "spirent": Format("instinct", "spirent", "Rover-*_MO_*.obs with *_PVA_*.csv"),
 }
 
 
 def formats() -> dict[str, Format]:
     """Return all known formats by name."""
-    return {**FORMATS, "spirent": _spirent()}
+    return dict(FORMATS)
 
 
 def recognise(path: str | Path) -> str:
@@ -100,7 +99,11 @@ def recognise(path: str | Path) -> str:
             remedy="name one with format=…",
         )
     looked = "; ".join(f"{name}: {kind.looks_like}" for name, kind in known.items())
-    raise DataError(f"not recognised (looked for {looked})", file=folder)
+    raise DataError(
+        f"not recognised (looked for {looked})",
+        file=folder,
+        remedy="own files: `certnav declare FILE…` drafts the sequence.toml they need",
+    )
 
 
 def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequence:

@@ -15,19 +15,23 @@ rows are no reference and are left out.
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from datasets.imu_text import AXES
 from datasets.physics import check_gravity, check_gyro, course_of
 from datasets.sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
-from datasets.text_tables import sampling_note
+from datasets.text_tables import check_head, sampling_note
 from filters.earth import C_en_at, lla_to_ecef
 from filters.errors import DataError
 from filters.rotation import FloatArray, matrix_from_rpy
 from filters.sensors import imu_preset
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _POSITION = ("lat_deg", "lon_deg", "height_m")
 _VELOCITY = ("vn_mps", "ve_mps", "vd_mps")
@@ -106,12 +110,17 @@ def _table(folder: Path, name: str) -> pd.DataFrame:
     file = _find(folder, name)
     if file is None:
         raise DataError("file not found", file=folder / f"{name}.csv.gz", remedy="check the folder")
+    import pandas as pd
+
+    check_head(file)
     try:
         table = pd.read_csv(file, dtype=float)
-    except (ValueError, OSError, EOFError) as error:
+    except (ValueError, OSError, EOFError, zlib.error) as error:
         raise DataError(f"not readable as numbers: {error}".splitlines()[0], file=file) from None
     if "t_s" not in table:
         raise DataError(f"expected a column t_s, found {', '.join(table)}", file=file, line=1)
+    if len(table) < 2:
+        raise DataError(f"expected at least 2 rows, found {len(table)}", file=file)
     needed = [c for c in table if c != "heading_rad"]  # NaN where the receiver has no heading
     bad = ~np.isfinite(table[needed].to_numpy())
     if bad.any():

@@ -132,7 +132,9 @@ def gyro_unit_ratio(
     tc, c = tc[inside], c[inside]
     if tc.size < 3:
         return TurnRatio(np.nan, np.inf, 0.0)
-    step = max(1, round(span / float(np.median(np.diff(tc)))))
+    step = int(np.clip(np.rint(span / float(np.median(np.diff(tc)))), 1, tc.size))
+    if step >= tc.size:
+        return TurnRatio(np.nan, np.inf, 0.0)
     angle = np.concatenate([[0.0], np.cumsum(w[1:] * np.diff(t))])
     turn = _increments(c, step)
     length = np.full(turn.size, np.nan)

@@ -7,8 +7,9 @@ with the separation beside them, and no vertical velocity, so that its velocitie
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from datetime import date, timedelta
+from datetime import date, time, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from datasets import gpstime
 from datasets.sequence import GnssFixes
+from datasets.text_tables import cannot_open
 from filters.earth import C_en_at, lla_to_ecef
 from filters.errors import ConfigError, DataError
 from filters.rotation import FloatArray
@@ -24,6 +26,7 @@ _GPS_EPOCH_UNIX = 315964800.0
 #: NMEA GGA quality.
 _QUALITY = {1: "single", 2: "dgps", 3: "pps", 4: "fixed", 5: "float", 6: "dr"}
 _DAY = 86400.0
+_FIRST_DAY = date(1980, 1, 6)
 
 
 def read_ubx(path: str | Path) -> tuple[GnssFixes, tuple[str, ...]]:
@@ -45,14 +48,16 @@ def read_ubx(path: str | Path) -> tuple[GnssFixes, tuple[str, ...]]:
     DataError
         No such message, or the package pyubx2 is not installed.
     """
+    path = Path(path)
+    damaged: list[str] = []
     rows, left_out = [], 0
-    for m in _ubx_messages(Path(path)):
+    for m in _ubx_messages(path, damaged):
         if m.fixType not in (3, 4) or not (m.validDate and m.validTime and m.gnssFixOk):
             left_out += 1
             continue
         rows.append(
             (
-                *(_epoch(m), m.lat, m.lon),
+                *(_epoch(m, path), m.lat, m.lon),
                 *(1e-3 * v for v in (m.height, m.hAcc, m.vAcc)),
                 *(1e-3 * v for v in (m.velN, m.velE, m.velD, m.sAcc)),
                 *(m.numSV, getattr(m, "carrSoln", 0)),
@@ -82,25 +87,36 @@ def read_ubx(path: str | Path) -> tuple[GnssFixes, tuple[str, ...]]:
     repeated = len(rows) - len(fixes)
     return fixes, (
         f"UBX NAV-PVT: {len(fixes)} fixes, {left_out} messages without a 3-D fix left out, "
-        f"{repeated} repeated; hAcc and sAcc taken as 1σ of each axis",
+        f"{repeated} repeated; hAcc and sAcc taken as 1σ of each axis" + _of_damaged(damaged),
     )
 
 
-def _ubx_messages(path: Path) -> Iterator[Any]:
+def _ubx_messages(path: Path, damaged: list[str]) -> Iterator[Any]:
     try:
         from pyubx2 import UBX_PROTOCOL, UBXReader
     except ImportError:
         raise _needs("pyubx2", path) from None
     with _open(path) as stream:
-        reader = UBXReader(stream, protfilter=UBX_PROTOCOL, quitonerror=0)
-        for _, message in reader:
-            if message is not None and message.identity == "NAV-PVT":
+        reader = UBXReader(
+            stream, protfilter=UBX_PROTOCOL, quitonerror=1,
+            errorhandler=lambda error: damaged.append(str(error)),
+        )  # fmt: skip
+        for message in _decoded(reader, damaged):
+            if message.identity == "NAV-PVT":
                 yield message
 
 
-def _epoch(m: Any) -> float:
+def _epoch(m: Any, path: Path) -> float:
     """Return GPS time [s]: time of week as given, week from the UTC date."""
-    utc = gpstime.from_calendar(m.year, m.month, m.day, m.hour, m.min, m.second)
+    try:
+        utc = gpstime.from_calendar(m.year, m.month, m.day, m.hour, m.min, m.second)
+    except ValueError:
+        raise DataError(
+            f"NAV-PVT: expected a date, found {m.year}-{m.month}-{m.day} {m.hour}:{m.min}, iTOW "
+            f"{m.iTOW} ms",
+            file=path,
+            remedy="the log is damaged: copy it again, or cut the message out",
+        ) from None
     near = float(gpstime.from_unix(utc + _GPS_EPOCH_UNIX))
     sow = m.iTOW * 1e-3
     week = round((near - sow) / gpstime.SECONDS_PER_WEEK)
@@ -131,7 +147,8 @@ def read_nmea(
         Positions without a deviation, and none declared.
     """
     path = Path(path)
-    rows, deviations, without = _nmea_rows(path)
+    damaged: list[str] = []
+    rows, deviations, without = _nmea_rows(path, damaged)
     if not rows:
         raise DataError(f"no GGA sentence with a fix found ({without} without)", file=path)
     value = np.array([row for _, row in sorted(rows.items())], dtype=float)
@@ -158,34 +175,37 @@ def read_nmea(
     return fixes, (
         f"NMEA: {n} positions, {without} sentences without a fix left out; deviations of "
         f"{n - int(bare.sum())} from GST, of {int(bare.sum())} as declared; heights raised by the "
-        "geoid separation of GGA; speed and course left out (no vertical velocity)",
+        "geoid separation of GGA; speed and course left out (no vertical velocity)"
+        + _of_damaged(damaged),
     )
 
 
 def _nmea_rows(
-    path: Path,
+    path: Path, damaged: list[str]
 ) -> tuple[dict[float, tuple[float, ...]], dict[float, tuple[float, ...]], int]:
     """Return positions and deviations by Unix time, and the number of sentences without fix."""
     rows: dict[float, tuple[float, ...]] = {}
     deviations: dict[float, tuple[float, ...]] = {}
     waiting: list[Any] = []  # sentences before the first date
     without, clock = 0, _Calendar()
-    for m in _nmea_messages(path):
+    for m in _nmea_messages(path, damaged):
+        if not isinstance(getattr(m, "time", None), time):
+            continue  # another sentence, or one without the time of day
         if m.msgID in ("RMC", "ZDA"):
-            day = m.date if m.msgID == "RMC" else date(int(m.year), int(m.month), int(m.day))
-            if isinstance(day, date) and m.time:
+            day = getattr(m, "date", None) if m.msgID == "RMC" else _zda_date(m)
+            if isinstance(day, date) and day >= _FIRST_DAY:
                 clock.set(day, _time_of_day(m))
-        elif m.msgID in ("GGA", "GST") and m.time:
+        elif m.msgID in ("GGA", "GST"):
             waiting.append(m)
         if not clock.known:
             continue
         for sentence in waiting:
             at = clock.unix(_time_of_day(sentence))
             if sentence.msgID == "GST":
-                values = (sentence.stdLat, sentence.stdLong, sentence.stdAlt)
+                values = [getattr(sentence, k, "") for k in ("stdLat", "stdLong", "stdAlt")]
                 if all(isinstance(v, int | float) and v > 0 for v in values):
                     deviations[at] = tuple(float(v) for v in values)
-            elif not sentence.quality or not isinstance(sentence.sep, int | float):
+            elif not getattr(sentence, "quality", 0) or not _complete(sentence):
                 without += 1
             else:
                 height = float(sentence.alt) + float(sentence.sep)
@@ -196,6 +216,19 @@ def _nmea_rows(
             "no date found (RMC or ZDA sentence)", file=path, remedy="enable RMC in the receiver"
         )
     return rows, deviations, without
+
+
+def _complete(gga: Any) -> bool:
+    """Return whether every field a position needs is a number (it may be empty)."""
+    fields = [getattr(gga, key, "") for key in ("lat", "lon", "alt", "sep", "numSV")]
+    return all(isinstance(v, int | float) and math.isfinite(v) for v in fields)
+
+
+def _zda_date(m: Any) -> date | None:
+    try:
+        return date(int(m.year), int(m.month), int(m.day))
+    except (ValueError, TypeError, OverflowError, AttributeError):  # empty, missing, no such day
+        return None
 
 
 class _Calendar:
@@ -224,22 +257,41 @@ def _time_of_day(m: Any) -> float:
     return float(t.hour * 3600 + t.minute * 60 + t.second + t.microsecond * 1e-6)
 
 
-def _nmea_messages(path: Path) -> Iterator[Any]:
+def _nmea_messages(path: Path, damaged: list[str]) -> Iterator[Any]:
     try:
         from pynmeagps import NMEAReader
     except ImportError:
         raise _needs("pynmeagps", path) from None
     with _open(path) as stream:
-        for _, message in NMEAReader(stream, quitonerror=0):
-            if message is not None:
-                yield message
+        reader = NMEAReader(
+            stream, quitonerror=1, errorhandler=lambda error: damaged.append(str(error))
+        )
+        yield from _decoded(reader, damaged)
+
+
+def _decoded(reader: Any, damaged: list[str]) -> Iterator[Any]:
+    """Yield the messages; what the decoder cannot read is told in `damaged`."""
+    while True:
+        try:
+            _, message = next(reader)
+        except StopIteration:
+            return
+        except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
+            damaged.append(str(error))  # the decoder's own surprise: it goes on behind it
+            continue
+        if message is not None:
+            yield message
+
+
+def _of_damaged(damaged: list[str]) -> str:
+    return f"; {len(damaged)} damaged messages left out" if damaged else ""
 
 
 def _open(path: Path) -> Any:
     try:
         return path.open("rb")
-    except FileNotFoundError:
-        raise DataError("file not found", file=path, remedy="check the name") from None
+    except OSError as error:
+        raise cannot_open(path, error) from None
 
 
 def _needs(package: str, path: Path) -> DataError:

@@ -16,13 +16,18 @@ _FIELD = r"(?: {14}|[ \d+-]{10}\.\d{3})"
 _FIELDS = rf"(?:{_FIELD}[ \d]{{2}})*(?:{_FIELD}[ \d]?)? *$"
 _ROW_2 = re.compile(_FIELDS)
 _ROW_3 = re.compile(r"[A-Z][ \d]\d" + _FIELDS)
-_EPOCH_2 = re.compile(
-    r" [ \d]\d [ \d]{2} [ \d]{2} [ \d]{2} [ \d]{2}[ \d]{3}\.[\d ]{7}  [0-6][ \d]{3}"
+# Month, day, hour, minute and second; blank in events, which need no time.
+_DATE = (
+    r" (?:[ 0][1-9]|1[0-2]|  ) (?:[ 0][1-9]|[12]\d|3[01]|  ) (?:[ 01]\d|2[0-3]|  )"
+    r" (?:[ 0-5]\d|  ) [ 0-6]\d"
 )
-_EPOCH_3 = re.compile(r"> \d{4}(?: [ \d]{2}){4}[ \d]{3}\.\d{7}  [0-6][ \d]{3}")
+_EPOCH_2 = re.compile(rf" [ \d]\d{_DATE}\.[\d ]{{7}}  [0-6][ \d]{{3}}")
+_EPOCH_3 = re.compile(rf"> \d{{4}}{_DATE}\.\d{{7}}  [0-6][ \d]{{3}}")
 _NUMBERS = re.compile(r"(?: {19}|[ +-]*\d*\.\d+(?:[DEde][+-]?\d+)? *)*$")
 _NAV_START_2 = re.compile(r"[ \d]\d [ \d]\d")
 _NAV_START_3 = re.compile(r"[GRECJSI][ \d]\d \d{4} ")
+#: Longest lines: RTKLIB reads so many characters, or the numbers of an ephemeris line.
+_LONGEST_OBSERVATION, _LONGEST_NAVIGATION = 1024, 100
 _CUT = "the file is cut short or damaged: copy or convert it again"
 
 
@@ -109,6 +114,15 @@ def _open(path: Path, kinds: str) -> tuple[list[str], float, int]:
             line=1,
             remedy="observation and navigation files exchanged?",
         )
+    limit = _LONGEST_OBSERVATION if kinds == "O" else _LONGEST_NAVIGATION
+    for k, line in enumerate(lines):
+        if len(line) > limit:
+            raise DataError(
+                f"expected lines of up to {limit} characters, found {len(line)}",
+                file=path,
+                line=k + 1,
+                remedy=_CUT,
+            )
     for k, line in enumerate(lines):
         if line[60:].startswith("END OF HEADER"):
             if not any(line.strip() for line in lines[k + 1 :]):
@@ -122,7 +136,7 @@ def _check_observations_3(path: Path, lines: list[str], start: int) -> None:
     while k < len(lines) and not _only_blank(lines, k):
         if not _EPOCH_3.match(lines[k]):
             _refuse(path, k, lines, "an epoch line (> year month day …)")
-        end = k + 1 + int(lines[k][32:35])
+        end = k + 1 + _count(path, lines, k, 32)
         if end > len(lines):
             _refuse_short(path, k, end - k - 1, len(lines) - k - 1, "records")
         if lines[k][31] <= "1" or lines[k][31] == "6":
@@ -141,7 +155,7 @@ def _check_observations_2(path: Path, lines: list[str], start: int) -> None:
     while k < len(lines) and not _only_blank(lines, k):
         if not _EPOCH_2.match(lines[k]) and lines[k][:26].strip():
             _refuse(path, k, lines, "an epoch line (year month day …)")
-        count = int(lines[k][29:32])
+        count = _count(path, lines, k, 29)
         special = "2" <= lines[k][28] <= "5"
         extra = 0 if special else -(-count // 12) - 1
         body = k + 1 + extra
@@ -153,6 +167,14 @@ def _check_observations_2(path: Path, lines: list[str], start: int) -> None:
                 if not _ROW_2.match(lines[row]):
                     _refuse(path, row, lines, "observations of 16 columns each")
         k = end
+
+
+def _count(path: Path, lines: list[str], k: int, at: int) -> int:
+    """Return the number of satellites, or of lines, that an epoch line announces."""
+    text = lines[k][at : at + 3].strip()
+    if not text.isdigit():
+        _refuse(path, k, lines, "a number of satellites in the epoch line")
+    return int(text)
 
 
 def _only_blank(lines: list[str], start: int) -> bool:

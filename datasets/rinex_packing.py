@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import gzip
+import re
 import shutil
 import tempfile
 import zlib
@@ -74,10 +75,17 @@ def plain_rinex(path: str | Path) -> Path:
     return _unpacked(path.resolve(), path.stat().st_mtime_ns) if is_packed(head) else path
 
 
+def plain_name(name: str) -> str:
+    """Return what a packed file is called once it is plain: ``a.20d.Z`` → ``a.20o``."""
+    name = re.sub(r"\.(gz|z)$", "", name, flags=re.IGNORECASE)
+    name = re.sub(r"\.(\d\d)d$", r".\1o", name, flags=re.IGNORECASE)
+    return re.sub(r"\.crx$", ".rnx", name, flags=re.IGNORECASE)
+
+
 @cache
 def _unpacked(path: Path, modified: int) -> Path:
     folder = Path(tempfile.mkdtemp(dir=_shelf()))
-    plain = folder / path.name
+    plain = folder / plain_name(path.name)
     plain.write_bytes(unpack(path.read_bytes(), path))
     return plain
 

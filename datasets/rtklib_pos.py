@@ -13,7 +13,6 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from datasets import gpstime
@@ -150,6 +149,8 @@ def _join_sexagesimal(table: Table, value: dict[str, FloatArray]) -> None:
 
 def _time(table: Table, system: str) -> FloatArray:
     """Return GPS time from calendar date and time of day, or from week and seconds of week."""
+    import pandas as pd
+
     first, second = table.text
     if "/" in str(first[0]):
         form = "%Y/%m/%d %H:%M:%S.%f" if "." in str(second[0]) else "%Y/%m/%d %H:%M:%S"

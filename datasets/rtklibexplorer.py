@@ -23,7 +23,7 @@ import numpy as np
 from datasets.physics import check_gravity, check_gyro, course_of
 from datasets.rtklib_pos import read_pos
 from datasets.sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
-from datasets.text_tables import increasing, read_table, sampling_note
+from datasets.text_tables import cannot_open, increasing, read_table, sampling_note
 from filters.errors import ConfigError, DataError
 from filters.rotation import FloatArray, matrix_from_rpy
 from filters.sensors import STANDARD_GRAVITY, ImuSpec
@@ -143,6 +143,8 @@ def read_tag_start(path: str | Path) -> float:
         raise DataError(
             "time tag not found: the IMU file holds no date", file=path, remedy="copy the .tag file"
         ) from None
+    except OSError as error:
+        raise cannot_open(path, error) from None
     if len(head) < 76 or not head.startswith(b"TIMETAG RTKLIB"):
         raise DataError("expected an RTKLIB time tag ('TIMETAG RTKLIB …')", file=path)
     _, whole, fraction = struct.unpack_from("<IId", head, 60)

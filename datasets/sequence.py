@@ -22,6 +22,9 @@ from filters.sensors import ImuSpec
 
 StrArray = NDArray[np.str_]
 
+#: Without inertial data for longer than this [s] it is no longer one drive.
+_LONGEST_GAP = 3600.0
+
 
 def _array(owner: str, name: str, value: object, shape: tuple[int, ...], finite: bool = True):
     """Return `value` as a read-only float array of `shape` (−1: any), or refuse it by name."""
@@ -96,6 +99,13 @@ class ImuData:
             raise DataError(f"imu: expected at least 2 samples, found {time.size}")
         n = time.size
         _ordered("imu", time)
+        gap = int(np.argmax(np.diff(time)))
+        if time[gap + 1] - time[gap] > _LONGEST_GAP:
+            raise DataError(
+                f"imu.time: nothing for {time[gap + 1] - time[gap]:.6g} s after index {gap} "
+                f"({time[gap]:.3f} s)",
+                remedy="repair the time stamp, or make two recordings of it",
+            )
         _freeze(
             self,
             time=time,

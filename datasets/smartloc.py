@@ -178,6 +178,10 @@ class _Truth:
         if (np.diff(time) < 0.0).any():
             increasing(rows.table, time, "GPSSecondsOfWeek")
         _, first = np.unique(time, return_index=True)
+        if first.size < 2:
+            raise DataError(
+                f"expected at least 2 epochs of truth, found {first.size}", file=rows.table.file
+            )
         lla = rows.numbers[place][first] * [np.pi / 180.0, np.pi / 180.0, 1.0]
         north = wrap_angle(np.pi / 2 - rows.numbers[heading][first, 0])
         return cls(time[first], lla_to_ecef(*lla.T), north)

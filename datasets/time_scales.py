@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from datasets import gpstime
@@ -29,7 +28,6 @@ SCALES = {
 }
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _CALENDAR = ("gps-calendar", "utc")
-_EPOCH = pd.Timestamp("1980-01-06")
 # Plausible numbers per scale: 1980 … 2100, or one week and a day.
 _LIMITS = {
     "gps": (1e8, 3.8e9),
@@ -137,6 +135,9 @@ def _other_scale(seconds: FloatArray) -> str:
 
 def _calendar(table: Table, text: list[str], name: str) -> FloatArray:
     """Return GPS time of calendar dates; an explicit offset from UTC is honoured."""
+    import pandas as pd
+
+    epoch = pd.Timestamp("1980-01-06")
     cleaned = pd.Series(text, dtype=str).str.replace("/", "-", regex=False)
     stamps = pd.to_datetime(cleaned, format="ISO8601", utc=True, errors="coerce")
     bad: NDArray[np.bool_] = stamps.isna().to_numpy()
@@ -147,7 +148,7 @@ def _calendar(table: Table, text: list[str], name: str) -> FloatArray:
             file=table.file,
             line=int(table.line[k]),
         )
-    seconds = (stamps - _EPOCH.tz_localize("UTC")).dt.total_seconds().to_numpy()
+    seconds = (stamps - epoch.tz_localize("UTC")).dt.total_seconds().to_numpy()
     if name == "gps-calendar":
         return seconds
-    return gpstime.from_unix(seconds + _EPOCH.timestamp())
+    return gpstime.from_unix(seconds + epoch.timestamp())

@@ -1,8 +1,8 @@
-"""The error-state Kalman filter: compiled time update, filterpy's measurement update, a gate.
+"""The error-state Kalman filter: compiled time update, a gate, the measurement update.
 
 Closed loop: after every accepted update the estimated errors are fed into the state and the
-error state is zero again. filterpy has no innovation test, so it is made here, before the
-update is called.
+error state is zero again. The update is `filters.measurement_update.compiled`, or filterpy's,
+which it is tested against; filterpy has no innovation test, so that is made here, before it.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from filters import _kernels
+from filters._jit import COMPILED
 from filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
 from filters.errors import DataError
+from filters.measurement_update import Update, compiled, innovation, turned, with_filterpy
 from filters.measurements import Measurement
-from filters.rotation import FloatArray, matrix_from_rotvec
+from filters.rotation import FloatArray
 from filters.smoother import Tape
 from filters.strapdown import InertialStream, NavState
 
@@ -72,6 +74,10 @@ class ErrorStateFilter:
         Initial estimate, body axes [rad/s].
     smoothing : bool
         Keep what `filters.smoother.smooth` needs, in `tape`.
+    filterpy : bool
+        Measurement updates by filterpy; default: only where nothing is compiled.
+    accel_bias : array_like, shape (3,)
+        Initial estimate, body axes [m/s²].
     """
 
     def __init__(
@@ -83,9 +89,9 @@ class ErrorStateFilter:
         output_interval: float = 0.0,
         gyro_bias: ArrayLike = (0.0, 0.0, 0.0),
         smoothing: bool = False,
+        filterpy: bool = not COMPILED,
+        accel_bias: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        from filterpy.kalman import ExtendedKalmanFilter
-
         n = model.size
         self.P = np.array(P, dtype=float)
         if self.P.shape != (n, n) or not np.isfinite(self.P).all():
@@ -103,10 +109,11 @@ class ErrorStateFilter:
             state.C_eb.copy(),
         )
         self.bias = np.zeros(12)
-        self.bias[0:3] = gyro_bias
+        self.bias[0:3], self.bias[3:6] = gyro_bias, accel_bias
         self.odometer_scale = 0.0
         self.omega_b = np.zeros(3)
         self._noise = model.noise()
+        self._update: Update = with_filterpy if filterpy else compiled
         self._sample = stream.index(state.time)
         self._period = float(output_interval)
         # Room for the whole stream: untouched pages of zeros cost nothing, growing copies.
@@ -116,7 +123,6 @@ class ErrorStateFilter:
         self._rows = np.zeros((room, _kernels.ROW_SIZE))
         self._rows[0, _kernels.ROW_TIME] = state.time
         self._cursor = np.array([1.0, state.time + self._period])
-        self._ekf = ExtendedKalmanFilter(dim_x=n, dim_z=3)
         self._record_now()
         self.tape = Tape() if smoothing else None
         self._phi = np.zeros((n, n) if smoothing else (0, 0))
@@ -183,11 +189,8 @@ class ErrorStateFilter:
 
     def test(self, measurement: Measurement, gate_probability: float) -> Outcome:
         """Return whitened innovation and NIS of a measurement, without applying it."""
-        z, H = measurement.z, measurement.H
-        S = H @ self.P @ H.T + measurement.R
-        whitened = np.asarray(np.linalg.solve(np.linalg.cholesky(S), z), dtype=np.float64)
-        nis = float(whitened @ whitened)
-        limit = gate_limit(z.size, gate_probability)
+        whitened, nis = innovation(self.P, measurement)
+        limit = gate_limit(whitened.size, gate_probability)
         return Outcome(nis <= limit, whitened, nis, limit)
 
     def update(self, measurement: Measurement, gate_probability: float = 0.0) -> Outcome:
@@ -201,16 +204,8 @@ class ErrorStateFilter:
         """
         outcome = self.test(measurement, gate_probability)
         if outcome.accepted:
-            ekf = self._ekf
-            ekf.x, ekf.P = np.zeros(self.model.size), self.P
-            ekf.update(
-                measurement.z,
-                HJacobian=lambda _: measurement.H,
-                Hx=lambda _: np.zeros(measurement.z.size),
-                R=measurement.R,
-            )
-            self.P = 0.5 * (ekf.P + ekf.P.T)
-            self._feed_back(ekf.x)
+            x, self.P = self._update(self.P, measurement)
+            self._feed_back(x)
             self._record_now()
         return outcome
 
@@ -244,7 +239,7 @@ class ErrorStateFilter:
     def _feed_back(self, x: FloatArray) -> None:
         self.pos_e += x[POS]
         self.vel_e += x[VEL]
-        self.C_eb = np.ascontiguousarray(self.C_eb @ matrix_from_rotvec(x[ATT]))
+        self.C_eb = turned(self.C_eb, x[ATT])
         self.bias[0:3] += x[GYRO_BIAS]
         self.bias[3:6] += x[ACCEL_BIAS]
         self.bias[6 : 6 + self.model.states - 15] += x[15 : self.model.states]

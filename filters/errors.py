@@ -10,9 +10,20 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
+#: An error is one line; of longer ones the middle is left out.
+_LONGEST, _TAIL = 600, 200
+
 
 class NavError(Exception):
-    """Base of everything certnav refuses knowingly."""
+    """Base of everything certnav refuses knowingly; its text is one line, whatever a file holds."""
+
+    def __str__(self) -> str:
+        text = super().__str__()
+        if len(text) > _LONGEST:
+            text = f"{text[: _LONGEST - _TAIL]} … {text[-_TAIL:]}"
+        if text.isprintable():
+            return text
+        return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 class DataError(NavError):

@@ -13,7 +13,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtri
 
 from filters.rotation import FloatArray
 
@@ -21,6 +20,8 @@ from filters.rotation import FloatArray
 @lru_cache(maxsize=256)
 def chi2_limit(significance: float, dof: int) -> float:
     """Return what chi-square with `dof` exceeds with probability `significance`; 0 dof: inf."""
+    from scipy.special import chdtri  # slow to import
+
     return float(chdtri(dof, significance)) if dof > 0 else np.inf
 
 

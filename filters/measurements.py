@@ -46,7 +46,7 @@ def antenna_velocity(state: NavState, omega_b: ArrayLike, lever_b: ArrayLike) ->
     `omega_b` is ω_ib^b [rad/s], corrected; the lever turns with ω_eb^b = ω_ib^b − C_be ω_ie.
     """
     omega_eb = np.asarray(omega_b, dtype=float) - state.C_eb.T @ OMEGA_IE_E
-    return state.vel_e + state.C_eb @ np.cross(omega_eb, np.asarray(lever_b, dtype=float))
+    return state.vel_e + state.C_eb @ (skew(omega_eb) @ np.asarray(lever_b, dtype=float))
 
 
 def position(
@@ -98,10 +98,9 @@ def velocity(
     H = np.zeros((3, states))
     H[:, VEL] = np.eye(3)
     # C(ω×l) turns with the attitude; so does Cl in the Earth-rate part ω_ie × Cl.
-    H[:, ATT] = -state.C_eb @ skew(np.cross(omega, lever)) + OMEGA_IE_SKEW @ state.C_eb @ skew(
-        lever
-    )
-    H[:, GYRO_BIAS] = state.C_eb @ skew(lever)
+    C_lever = state.C_eb @ skew(lever)
+    H[:, ATT] = OMEGA_IE_SKEW @ C_lever - state.C_eb @ skew(skew(omega) @ lever)
+    H[:, GYRO_BIAS] = C_lever
     z = np.asarray(vel_e, dtype=float) - antenna_velocity(state, omega, lever)
     return Measurement(z, H, np.asarray(cov_e, dtype=float))
 

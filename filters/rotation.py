@@ -24,6 +24,9 @@ def skew(vector: ArrayLike) -> FloatArray:
     ndarray, shape (..., 3, 3)
     """
     v = np.asarray(vector, dtype=float)
+    if v.ndim == 1:  # as the filter calls it, thousands of times a run
+        x, y, z = v.tolist()
+        return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     out = np.zeros((*v.shape[:-1], 3, 3))
     out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
     out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]

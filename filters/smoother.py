@@ -13,7 +13,6 @@ neither feedback nor an EKF (rlabbe/filterpy#317), which is why this one is ours
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from filters import _kernels
 from filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL
@@ -82,6 +81,8 @@ def _gain(before: FloatArray, phi: FloatArray, after: FloatArray) -> FloatArray:
 
 def _compose(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return the error that does what `first` and then `second` do."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
     total = first + second
     turn = matrix_from_rotvec(first[ATT]) @ matrix_from_rotvec(second[ATT])
     total[ATT] = Rotation.from_matrix(turn).as_rotvec()

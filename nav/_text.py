@@ -7,6 +7,7 @@ goes through Python's formatting.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 
@@ -22,6 +23,7 @@ _WIDTH = 24
 _POWER = 10.0 ** np.arange(-308, 309)
 _ZERO = 308  # index of 10⁰
 _TRUNCATED = 100  # %d cuts decimals off
+_PAIRS = np.array([[48 + k // 10, 48 + k % 10] for k in range(100)], dtype=np.uint8)
 
 
 def row_blocks(template: str, table: FloatArray, rows_at_once: int = 4096) -> Iterator[bytes]:
@@ -61,22 +63,31 @@ def _columns(template: str) -> tuple[NDArray[np.int64], NDArray[np.uint8]] | Non
     return np.array(digits), np.array([ord(m[6] or "\n") for m in found], dtype=np.uint8)
 
 
-@njit(cache=True)
-def _whole(out, at, value, least):
-    """Write a whole number with at least so many digits; return where it ends."""
-    count, rest = 1, value // 10
-    while rest > 0:
+@njit(cache=True, nogil=True)
+def _digits(out, at, value, count):
+    """Write a whole number ≥ 0 with exactly so many digits; return where it ends."""
+    end = at + count
+    rest, k = np.uint64(value), end
+    while k - at >= 2:
+        rest, pair = rest // np.uint64(100), rest % np.uint64(100)
+        k -= 2
+        out[k], out[k + 1] = _PAIRS[pair, 0], _PAIRS[pair, 1]
+    if k > at:
+        out[at] = np.uint64(48) + rest % np.uint64(10)
+    return end
+
+
+@njit(cache=True, nogil=True)
+def _whole(out, at, value):
+    """Write a whole number ≥ 0; return where it ends."""
+    count, limit = 1, np.int64(10)
+    while value >= limit and count < 18:
         count += 1
-        rest //= 10
-    if count < least:
-        count = least
-    for k in range(count):
-        out[at + count - 1 - k] = 48 + value % 10
-        value //= 10
-    return at + count
+        limit *= 10
+    return _digits(out, at, value, count)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fixed(out, at, value, digits, power):
     """Write a value ≥ 0 with so many decimals; whole and fraction apart, to lose nothing."""
     whole = np.floor(value)
@@ -84,12 +95,12 @@ def _fixed(out, at, value, digits, power):
     fraction = np.rint((value - whole) * scale)
     if fraction >= scale:
         whole, fraction = whole + 1.0, 0.0
-    at = _whole(out, at, np.int64(whole), 1)
+    at = _whole(out, at, np.int64(whole))
     out[at] = 46
-    return _whole(out, at + 1, np.int64(fraction), digits)
+    return _digits(out, at + 1, np.int64(fraction), digits)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _strip(out, at):
     """Take off zeros after the point, and the point."""
     while out[at - 1] == 48:
@@ -97,10 +108,10 @@ def _strip(out, at):
     return at - 1 if out[at - 1] == 46 else at
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _general(out, at, value, digits, power):
     """Write a value > 0 with so many significant digits, as %g."""
-    exponent = int(np.floor(np.log10(value)))
+    exponent = int(np.floor(0.3010299956639812 * (math.frexp(value)[1] - 1)))
     if power[_ZERO + exponent] > value:
         exponent -= 1
     elif power[_ZERO + exponent + 1] <= value:
@@ -113,25 +124,24 @@ def _general(out, at, value, digits, power):
         exponent += 1
     if -4 <= exponent < digits:
         decimals = digits - 1 - exponent
-        unit = np.int64(1)
-        for _ in range(decimals):
-            unit *= 10
-        at = _whole(out, at, mantissa // unit, 1)
+        unit = np.int64(power[_ZERO + decimals])
+        at = _whole(out, at, mantissa // unit)
         if decimals == 0:
             return at
         out[at] = 46
-        return _strip(out, _whole(out, at + 1, mantissa % unit, decimals))
+        return _strip(out, _digits(out, at + 1, mantissa % unit, decimals))
     unit = np.int64(power[_ZERO + digits - 1])
-    at = _whole(out, at, mantissa // unit, 1)
+    at = _whole(out, at, mantissa // unit)
     if digits > 1:
         out[at] = 46
-        at = _strip(out, _whole(out, at + 1, mantissa % unit, digits - 1))
+        at = _strip(out, _digits(out, at + 1, mantissa % unit, digits - 1))
     out[at] = 101
     out[at + 1] = 45 if exponent < 0 else 43
-    return _whole(out, at + 2, np.int64(abs(exponent)), 2)
+    exponent = abs(exponent)
+    return _digits(out, at + 2, np.int64(exponent), 3 if exponent > 99 else 2)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fill(out, table, digits, after, power):
     """Write a block of rows; return its length."""
     at = 0
@@ -151,7 +161,7 @@ def _fill(out, table, digits, after, power):
                     out[at], out[at + 1], out[at + 2] = 105, 110, 102
                     at += 3
                 elif n == _TRUNCATED:
-                    at = _whole(out, at, np.int64(value), 1)
+                    at = _whole(out, at, np.int64(value))
                 elif n >= 0:
                     at = _fixed(out, at, value, n, power)
                 elif value == 0.0:

@@ -206,6 +206,9 @@ def dates(sequence: Sequence) -> list[Finding]:
         return [Finding("note", "time", found)]
     start, _ = sequence.span
     week, sow = gpstime.to_week_sow(start)
+    if not 0 <= week < 10000:
+        remedy = "correct the GPS week or the time scale"
+        return [Finding("fatal", "time", f"GPS second {start:.6g}: cannot be", remedy)]
     date = gpstime.to_calendar(start)
     found = f"GPS week {int(week)}, {float(sow):.1f} s: {date:%Y-%m-%d %H:%M:%S} GPST"
     numbers = {"week": float(week)}

@@ -49,15 +49,19 @@ def _windows(imu: ImuData) -> list[slice]:
     return [slice(k, k + size) for k in range(0, len(imu) - size + 1, size)]
 
 
+def _in_windows(values: FloatArray, windows: list[slice]) -> FloatArray:
+    """Return the values of each window along a second axis: they follow each other."""
+    count, size = len(windows), windows[0].stop if windows else 0
+    return values[: count * size].reshape(count, size, *values.shape[1:])
+
+
 def _at_rest(imu: ImuData, windows: list[slice], track: Track | None) -> NDArray[np.bool_]:
     """Tell the windows at rest: slow by GNSS, and quiet."""
     if not windows:
         return np.zeros(0, dtype=bool)
-    rate = np.array(
-        [np.abs(imu.gyro_b[w] - np.median(imu.gyro_b[w], axis=0)).max() for w in windows]
-    )
-    force = np.linalg.norm(imu.accel_b, axis=1)
-    shake = np.array([force[w].std() for w in windows])
+    gyro = _in_windows(imu.gyro_b, windows)
+    rate = np.abs(gyro - np.median(gyro, axis=1)[:, None]).max(axis=(1, 2))
+    shake = _in_windows(np.linalg.norm(imu.accel_b, axis=1), windows).std(axis=1)
     quiet = (rate < max(_REST_RATE, 3.0 * np.percentile(rate, 5))) & (
         shake < max(0.1, 2.0 * np.percentile(shake, 5))
     )
@@ -66,7 +70,7 @@ def _at_rest(imu: ImuData, windows: list[slice], track: Track | None) -> NDArray
     known = np.isfinite(track.vel_n).all(1)
     if known.sum() < 3:
         return quiet
-    middle = np.array([imu.time[w].mean() for w in windows])
+    middle = _in_windows(imu.time, windows).mean(axis=1)
     time, speed = track.time[known], track.speed[known]
     # the fastest of the neighbourhood, so that a window does not reach into the start
     around = np.max([np.interp(middle + d, time, speed) for d in (-1.0, 0.0, 1.0)], axis=0)
@@ -82,7 +86,7 @@ def gravity(
     spec: ImuSpec,
 ) -> list[Finding]:
     """Test the accelerometer's unit and down axis against gravity, at rest if there is a rest."""
-    means = np.array([imu.accel_b[w].mean(axis=0) for w in windows])
+    means = _in_windows(imu.accel_b, windows).mean(axis=1)
     if rest.sum() >= _MIN_REST:
         mean, when = np.median(means[rest], axis=0), f"{rest.sum():.0f} s at rest"
     else:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import atexit
+import gc
 import importlib
 import os
 import sys
@@ -21,6 +23,11 @@ def main(argv: list[str] | None = None) -> int:
 
     Whatever certnav refuses knowingly is one line on standard error and status 1.
     """
+    # A run makes many objects that stay and few cycles: looking for those takes a tenth of it.
+    gc.set_threshold(100_000)
+    atexit.register(gc.freeze)  # and again at the end, where all of it goes anyway
+    # All matrices are small or narrow: further threads of the linear algebra would only spin.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     arguments = _parser().parse_args(argv)
     try:
         module, function = arguments.command.split(":")
@@ -66,6 +73,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--end", type=float, metavar="T", help="likewise")
     run.add_argument("--format", default="", metavar="LIST", help="also write pos,kml,tum,nav")
+    run.add_argument(
+        "--only", metavar="LIST",
+        help="write these formats instead of solution.csv, and no report: the fastest way through",
+    )  # fmt: skip
     run.add_argument(
         "--base", type=Path, metavar="FILE",
         help="RINEX of a base station, or a folder of them: RTK positions (gnss.position = rtk)",
@@ -140,9 +151,32 @@ def _parser() -> argparse.ArgumentParser:
     align.add_argument("--satellites", type=float, metavar="N", help="keep N per epoch, drawn")
     align.add_argument("--rows", default="all", help="all, or los where the data are labelled")
     align.add_argument("--decimate", type=int, default=1, metavar="K", help="every K-th epoch")
+    align.add_argument(
+        "--noise", default="assumed",
+        help="Doppler σ: assumed, or fitted to the recording with its correlation [assumed]",
+    )  # fmt: skip
+    align.add_argument(
+        "--clock-walk", type=float, default=0.1, metavar="Q", help="of --clock random-walk, m/s/√s"
+    )
+    align.add_argument("--min-cn0", type=float, default=0.0, metavar="DB", help="[dB-Hz]")
+    align.add_argument(
+        "--level", type=float, metavar="DEG", help="the vehicle is level within so much, 1σ"
+    )
+    align.add_argument(
+        "--proof", type=Path, metavar="FILE", help="write proofs in exact numbers (certnav verify)"
+    )
     align.add_argument("--json", action="store_true", help="print JSON instead of the table")
     align.add_argument("--plot", type=Path, metavar="FILE", help="draw headings and errors (PNG)")
     align.set_defaults(command="nav.align_command:align")
+
+    verify = commands.add_parser(
+        "verify",
+        help="check the proofs of certnav align --proof in exact arithmetic",
+        description="Check alignment proofs in integers and fractions, without the solver: for "
+        "the cost matrix in the file, no rotation costs less than the bound.",
+    )
+    verify.add_argument("path", type=Path, metavar="FILE")
+    verify.set_defaults(command="nav.verify_command:verify")
 
     tune = commands.add_parser(
         "tune", help="find screening thresholds, cross-validated", description=TUNE_DESCRIPTION

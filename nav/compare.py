@@ -33,6 +33,7 @@ from nav.methods import Method, fresh, solve
 from nav.pipeline import navigate
 from nav.results import write_result
 from nav.solution import AlignmentReport, Solution
+from nav.sweep import in_parallel
 
 #: After alignment, before the first periodic spell [s]: a filter needs to settle.
 SETTLE = 10.0
@@ -153,7 +154,6 @@ class Comparison:
 @dataclass(frozen=True, eq=False)
 class _Task:
     method: Method
-    sequence: Sequence
     alignment: AlignmentReport
     config: Config
     outages: Outages
@@ -172,6 +172,7 @@ def compare(
     seeds: int = 1,
     out: Path | None = None,
     jobs: int = 1,
+    scheduler: str | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Comparison:
     """Run every method over every variant of every drive.
@@ -191,6 +192,9 @@ def compare(
         drive and shift below it. Only the first draw is written.
     jobs : int
         Processes; −1 for all processors.
+    scheduler : str, optional
+        Address of a Dask scheduler; the runs are spread over its workers. With `out`, they have
+        to see the same file system.
     progress : callable, optional
         Told the fraction done and what is being done.
 
@@ -199,13 +203,12 @@ def compare(
     NavError
         If a drive cannot be navigated even without spells, or no spell fits.
     """
-    from joblib import Parallel, delayed
-
     say = progress or (lambda fraction, what: None)
     sequences = _named(list(sequences))
     draws = range(seeds if outages.is_random else 1)
     several = len(sequences) * len(outages.shifts) > 1
-    notes, reference, tasks = [], {}, []
+    notes, reference = [], {}
+    tasks: list[tuple[_Task, Sequence]] = []
     if seeds > 1 and not outages.is_random:
         notes.append(f"{outages.text} draws nothing: one run instead of {seeds} seeds")
     for sequence in sequences:
@@ -223,14 +226,12 @@ def compare(
                 variant = f"@{shift:g} seed {seed}" if outages.is_random else f"@{shift:g}"
                 for method in methods:
                     where = out / method.name / place if out is not None and seed == 0 else None
-                    tasks.append(
-                        _Task(method, sequence, alignment, config, outages, spells, seed,
-                              variant, where)
-                    )  # fmt: skip
+                    task = _Task(method, alignment, config, outages, spells, seed, variant, where)
+                    tasks.append((task, sequence))
     order = {method.name: k for k, method in enumerate(methods)}
     runs: list[Run] = []
-    parallel = Parallel(n_jobs=jobs, return_as="generator", batch_size=1)
-    for run in parallel(delayed(_carry_out)(task) for task in tasks):
+    shared = list({id(sequence): sequence for _, sequence in tasks}.values())
+    for run in in_parallel(_carry_out, tasks, jobs=jobs, scheduler=scheduler, shared=shared):
         runs.append(run)
         say(len(runs) / len(tasks), f"{run.method} {run.sequence}{run.variant}")
     runs.sort(key=lambda run: order[run.method])
@@ -281,9 +282,9 @@ def _in_short(solution: Solution, sequence: Sequence) -> str:
     )
 
 
-def _carry_out(task: _Task) -> Run:
+def _carry_out(task: _Task, sequence: Sequence) -> Run:
     """Run one method on one variant; what goes wrong knowingly is in the run."""
-    name, sequence = task.method.name, task.sequence
+    name = task.method.name
     gnss = task.config.gnss
     try:
         degraded = degrade(

@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="page, figures and one result directory a method [results/comparison]",
     )  # fmt: skip
     parser.add_argument("--jobs", type=int, default=-1, help="processes, −1: all processors")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to spread over")
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
 
 
@@ -61,6 +62,7 @@ def run(arguments: argparse.Namespace) -> None:
     import shutil
     import tempfile
 
+    from datasets.cache import kept_in
     from datasets.load import load
     from filters.errors import ConfigError
     from nav.compare import compare
@@ -81,10 +83,11 @@ def run(arguments: argparse.Namespace) -> None:
     out.parent.mkdir(parents=True, exist_ok=True)
     draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".new", dir=out.parent))
     try:
-        with progress() as report:
+        with progress() as report, kept_in(out.parent / ".certnav-cache"):
             comparison = compare(
                 [load(path, **config.data) for path in arguments.path], methods, outages, config,
-                seeds=arguments.seeds, out=draft, jobs=arguments.jobs, progress=report,
+                seeds=arguments.seeds, out=draft, jobs=arguments.jobs,
+                scheduler=arguments.scheduler, progress=report,
             )  # fmt: skip
         write_page(comparison, draft)
         draft.chmod(0o755)

@@ -214,8 +214,19 @@ def rpy_covariance(cov_att_n: FloatArray, rpy: FloatArray) -> FloatArray:
     rpy : ndarray, shape (n, 3)
         [rad].
     """
-    jacobian = np.linalg.inv(attitude_vector_from_rpy(rpy))
+    jacobian = rpy_from_attitude_vector(rpy)
     return jacobian @ cov_att_n @ np.swapaxes(jacobian, 1, 2)
+
+
+def rpy_from_attitude_vector(rpy: FloatArray) -> FloatArray:
+    """Return the inverse of `attitude_vector_from_rpy`, shape (n, 3, 3)."""
+    _, pitch, heading = rpy.T
+    north, east = np.cos(heading) / np.cos(pitch), np.sin(heading) / np.cos(pitch)
+    out = np.zeros((len(rpy), 3, 3))
+    out[:, 0, 0], out[:, 0, 1] = north, east
+    out[:, 1, 0], out[:, 1, 1] = -np.sin(heading), np.cos(heading)
+    out[:, 2, 0], out[:, 2, 1], out[:, 2, 2] = np.sin(pitch) * north, np.sin(pitch) * east, 1.0
+    return out
 
 
 def attitude_vector_from_rpy(rpy: FloatArray) -> FloatArray:

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from xml.sax.saxutils import escape
+from typing import TypeVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from datasets.gpstime import from_unix, to_week_sow
 from filters.earth import C_en_at, ecef_to_lla
@@ -20,6 +19,9 @@ from filters.rotation import FloatArray, rpy_from_matrix
 from nav._text import row_blocks
 from nav.evaluation import usable_at
 from nav.solution import Epochs, Trajectory
+from nav.sweep import in_order
+
+_Part = TypeVar("_Part")
 
 _GPS_EPOCH_UNIX = 315964800.0
 #: KML: points closer together than this add size, not shape.
@@ -34,12 +36,22 @@ def format_rows(template: str, table: FloatArray, rows_at_once: int = 4096) -> s
     return b"".join(row_blocks(template, table, rows_at_once)).decode()
 
 
-def write_rows(path: Path, header: str, template: str, tables: Iterable[FloatArray]) -> None:
-    """Write a header and tables, as by `format_rows`, bit by bit: never all of it in memory."""
+def write_rows(
+    path: Path,
+    header: str,
+    template: str,
+    parts: Iterable[_Part],
+    table: Callable[[_Part], FloatArray],
+) -> None:
+    """Write a header and the table of each part, as by `format_rows`: never all in memory."""
+
+    def text(part: _Part) -> list[bytes]:
+        return list(row_blocks(template, table(part)))
+
     with path.open("wb") as file:
         file.write(header.encode())
-        for table in tables:
-            file.writelines(row_blocks(template, table))
+        for blocks in in_order(text, parts):
+            file.writelines(blocks)
 
 
 def geodetic_and_ned(trajectory: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -96,11 +108,11 @@ def write_nav(path: Path, trajectory: Trajectory, epochs: Epochs) -> None:
     east, down [m/s], roll, pitch, heading [deg], heading in [0, 360).
     """
     template = "%d %.6f %.10f %.10f %.4f" + " %.5f" * 3 + " %.7f" * 3
-    tables = (
-        np.column_stack([*to_week_sow(part.time), *geodetic_and_ned(part)])
-        for part in trajectory.parts()
-    )
-    write_rows(path, "", template, tables)
+
+    def table(part: Trajectory) -> FloatArray:
+        return np.column_stack([*to_week_sow(part.time), *geodetic_and_ned(part)])
+
+    write_rows(path, "", template, trajectory.parts(), table)
 
 
 def write_tum(path: Path, trajectory: Trajectory, epochs: Epochs) -> None:
@@ -112,6 +124,8 @@ def write_tum(path: Path, trajectory: Trajectory, epochs: Epochs) -> None:
     lla = ecef_to_lla(trajectory.pos_e[:1])[0]
     to_enu = _ENU_FROM_NED @ C_en_at(lla[0], lla[1]).T
     pos = (trajectory.pos_e - trajectory.pos_e[0]) @ to_enu.T
+    from scipy.spatial.transform import Rotation  # slow to import
+
     quaternion = Rotation.from_matrix(to_enu @ trajectory.C_eb).as_quat()
     lat, lon = np.rad2deg(lla[:2])
     header = (
@@ -119,7 +133,8 @@ def write_tum(path: Path, trajectory: Trajectory, epochs: Epochs) -> None:
         f"ENU origin lat {lat:.10f} deg, lon {lon:.10f} deg, height {lla[2]:.4f} m\n"
     )
     table = np.column_stack([trajectory.time, pos, quaternion])
-    write_rows(path, header, "%.6f" + " %.4f" * 3 + " %.9f" * 4, [table])
+    template = "%.6f" + " %.4f" * 3 + " %.9f" * 4
+    write_rows(path, header, template, [table], lambda part: part)
 
 
 #: KML styles by least usable satellites: name and colour as aabbggrr (Okabe–Ito).
@@ -136,6 +151,8 @@ def write_kml(path: Path, trajectory: Trajectory, epochs: Epochs) -> None:
 
     Thinned to one point per 0.5 s and at most 20 000 points; start and end carry UTC times.
     """
+    from xml.sax.saxutils import escape
+
     time = trajectory.time
     step = max(_KML_STEP_S, (time[-1] - time[0]) / _KML_MAX_POINTS)
     keep = np.unique(np.append(np.unique(np.floor((time - time[0]) / step), return_index=True)[1],

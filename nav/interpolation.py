@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from filters.errors import DataError
 from filters.rotation import FloatArray, matrix_from_rotvec
@@ -65,6 +64,8 @@ def interpolate(trajectory: Trajectory, time: FloatArray) -> Trajectory:
     chord = pos[k1] - pos[k0]
     bend = (1.0 - w) * (vel[k0] * h - chord) - w * (vel[k1] * h - chord)
     pos_e = pos[k0] + w * chord + w * (1.0 - w) * bend
+
+    from scipy.spatial.transform import Rotation  # slow to import
 
     turn = np.swapaxes(trajectory.C_eb[k0], 1, 2) @ trajectory.C_eb[k1]
     rotvec = Rotation.from_matrix(turn).as_rotvec() if time.size else np.zeros((0, 3))

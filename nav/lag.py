@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from filters.rotation import FloatArray
 
@@ -21,6 +22,7 @@ _COARSE, _FINE, _FINE_SPAN = 0.2, 0.02, 0.5
 #: The integral is put on a grid of this step, so that shifting it needs no search [s].
 _GRID = 0.02
 _BLOCKS = 8
+_LAGS_AT_ONCE = 32  # what they need stays in the processor's cache
 _MIN_ROWS = 24
 _MAX_ROWS = 500
 #: Shorter stretches in common are explained by chance [s].
@@ -135,7 +137,7 @@ def fit_increments(
     Too few intervals explain nothing.
     """
     grams = _Grams(time, integral, start, end, y[:, None])
-    blocks = grams.at(0.0)
+    blocks = grams.at([0.0])[0]
     total = blocks.sum(axis=0)
     p = integral.shape[1]
     if total[0, 0] < _MIN_ROWS:
@@ -166,48 +168,48 @@ def _jackknife(parts: FloatArray) -> FloatArray:
 
 
 class _Grams:
-    """Sums of products of (1, x(lag), y), per block of the drive."""
+    """Sums of products of (1, x(lag), y), per block of the drive, for many lags at a time."""
 
     def __init__(self, time, integral, start, end, y) -> None:
-        self.time, self.start, self.end, self.y = time, start, end, y
+        self.time = time
         grid = np.arange(time[0], time[-1] + _GRID, _GRID)
         self.integral = np.column_stack([np.interp(grid, time, c) for c in integral.T])
         self.p, self.q = integral.shape[1], y.shape[1]
         good = np.isfinite(y).all(1)
-        order = np.cumsum(good) - 1
-        self.block = np.minimum(order * _BLOCKS // max(int(good.sum()), 1), _BLOCKS - 1)
-        self.good = good
+        self.start, self.end, self.y = start[good], end[good], y[good]
+        # Neighbours make a block.
+        self.edges = -(-np.arange(_BLOCKS + 1) * len(self.y) // _BLOCKS)
 
-    def rows(self, lag: float) -> tuple[FloatArray, FloatArray]:
-        """Return (1, x, y) of the intervals that lie inside the other sensor's data, and mask."""
-        keep = self.good & (self.start + lag >= self.time[0]) & (self.end + lag <= self.time[-1])
-        a, b = self.start[keep] + lag, self.end[keep] + lag
-        x = self._integral_at(b) - self._integral_at(a)
-        return np.column_stack([np.ones(len(x)), x, self.y[keep]]), keep
+    def at(self, lags: ArrayLike) -> FloatArray:
+        """Return the sums per lag and block, shape (lags, blocks, 1 + p + q, 1 + p + q)."""
+        lags = np.asarray(lags, dtype=float)
+        pieces = np.array_split(lags, -(-lags.size // _LAGS_AT_ONCE))
+        return np.concatenate([self._at_once(piece[:, None]) for piece in pieces])
+
+    def _at_once(self, lag: FloatArray) -> FloatArray:
+        a, b = self.start + lag, self.end + lag
+        rows = np.empty((*a.shape, 1 + self.p + self.q))
+        rows[..., 0] = 1.0
+        rows[..., 1 : 1 + self.p] = self._integral_at(b) - self._integral_at(a)
+        rows[..., 1 + self.p :] = self.y
+        # Only intervals that lie inside the other sensor's data.
+        rows *= ((a >= self.time[0]) & (b <= self.time[-1]))[..., None]
+        parts = [rows[:, i:j] for i, j in zip(self.edges[:-1], self.edges[1:], strict=True)]
+        return np.stack([np.swapaxes(part, 1, 2) @ part for part in parts], axis=1)
 
     def _integral_at(self, time: FloatArray) -> FloatArray:
         position = (time - self.time[0]) / _GRID
-        k = np.minimum(position.astype(int), len(self.integral) - 2)
-        share = (position - k)[:, None]
-        return (1.0 - share) * self.integral[k] + share * self.integral[k + 1]
-
-    def at(self, lag: float) -> FloatArray:
-        """Return the sums per block, shape (blocks, 1 + p + q, 1 + p + q)."""
-        rows, keep = self.rows(lag)
-        out = np.zeros((_BLOCKS, rows.shape[1], rows.shape[1]))
-        block = self.block[keep]
-        for k in range(_BLOCKS):
-            part = rows[block == k]
-            out[k] = part.T @ part
-        return out
+        k = np.clip(position.astype(int), 0, len(self.integral) - 2)
+        before = self.integral[k]
+        return before + (position - k)[..., None] * (self.integral[k + 1] - before)
 
     def explained(self, lags: FloatArray) -> FloatArray:
         """Return the share explained at each lag."""
-        return self.share(np.array([self.at(lag).sum(axis=0) for lag in lags]))
+        return self.share(self.at(lags).sum(axis=1))
 
     def explained_by_part(self, lags: FloatArray) -> FloatArray:
         """Return the share explained with all blocks (column 0) and with one left out each."""
-        blocks = np.array([self.at(lag) for lag in lags])
+        blocks = self.at(lags)
         total = blocks.sum(axis=1)
         without = total[:, None] - blocks
         return np.column_stack(

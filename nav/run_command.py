@@ -7,14 +7,15 @@ import dataclasses
 import time
 from pathlib import Path
 
+from datasets.cache import kept_in
 from datasets.catalogue import great_sequence
 from datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
 from datasets.load import load
 from datasets.sequence import Sequence
-from filters.errors import DataError
+from filters.errors import ConfigError, DataError
 from nav.check import check_sequence
 from nav.config import Config, load_config, to_toml
-from nav.evaluation import Evaluation, evaluate
+from nav.evaluation import Evaluation, evaluate, normalised_nis, without_reference
 from nav.formats import parse_formats
 from nav.pipeline import navigate
 from nav.progress import announce_kernels, progress
@@ -36,10 +37,16 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.great is not None:
         path, data = great_sequence(path, arguments.great, config.data)
         config = dataclasses.replace(config, data=data)
-    formats = parse_formats(arguments.format)
+    only = arguments.only is not None
+    formats = parse_formats(arguments.only if only else arguments.format)
+    if only and not formats:
+        raise ConfigError("--only: expected pos, kml, tum or nav, found none")
+    if only and arguments.format:
+        raise ConfigError("--only and --format: name all formats in one of them")
     navigate_folder(
         path, config, arguments.out, formats, arguments.start, arguments.end,
-        checked=not arguments.unchecked, report_page=not arguments.no_report,
+        checked=not arguments.unchecked, report_page=not (arguments.no_report or only),
+        table=not only,
     )  # fmt: skip
 
 
@@ -65,13 +72,14 @@ def navigate_folder(
     end: float | None = None,
     checked: bool = True,
     report_page: bool = True,
+    table: bool = True,
 ) -> Path:
     """Load, check, navigate, evaluate, write the result directory, and print the summary."""
     began = time.perf_counter()
     if out is not None:
         check_replaceable(out)
     announce_kernels()
-    with progress() as report:
+    with progress() as report, kept_in(cache_folder(out)):
         report(0.0, "reading")
         sequence = cut(load(path, **config.data), start, end)
         out = Path("results") / sequence.name if out is None else out
@@ -81,13 +89,29 @@ def navigate_folder(
         read = time.perf_counter() - began
         solution = navigate(sequence, config, report)
         report(1.0, "evaluation and report")
-        evaluation = evaluate(solution, sequence)
+        solution, evaluation = judged(solution, sequence)
         solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
         write_result(
-            out, solution, evaluation, sequence, to_toml(config), formats, report=report_page
-        )
+            out, solution, evaluation, sequence, to_toml(config), formats,
+            report=report_page, table=table,
+        )  # fmt: skip
     _print_summary(solution, evaluation, sequence, out)
     return out
+
+
+def cache_folder(out: Path | None) -> Path:
+    """Return where readers keep what is slow to read: beside the result."""
+    return (Path("results/result") if out is None else out).parent / ".certnav-cache"
+
+
+def judged(solution: Solution, sequence: Sequence) -> tuple[Solution, Evaluation]:
+    """Return the solution with its evaluation; one that cannot be made is a note, not a loss."""
+    try:
+        return solution, evaluate(solution, sequence)
+    except DataError as error:
+        notes = (*solution.notes, f"doubtful: not compared with the reference: {error}")
+        nis = normalised_nis(solution.updates)
+        return dataclasses.replace(solution, notes=notes), without_reference(nis)
 
 
 def _checked(sequence: Sequence, config: Config) -> Sequence:
@@ -138,5 +162,8 @@ def _print_summary(
         )
     if m["heading_rms_deg"] is not None:
         print(f"  heading     RMS {m['heading_rms_deg']:.2f}°")
+    for note in solution.notes:
+        if note.startswith("doubtful"):
+            print(f"  {note}")
     page = Path(out) / "report.html"
     print(f"  report      {page}" if page.exists() else f"  result      {out}")

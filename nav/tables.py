@@ -14,7 +14,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from datasets.gpstime import to_week_sow
 from filters.earth import C_en_at
@@ -73,12 +72,19 @@ ERROR_COLUMNS = [
 ]  # fmt: skip
 
 
-def _write_table(path: Path, columns: list[tuple[str, str]], tables: Iterable[FloatArray]) -> None:
-    header = ",".join(name for name, _ in columns) + "\n"
-    write_rows(path, header, ",".join(number for _, number in columns), tables)
+def _header(columns: list[tuple[str, str]]) -> tuple[str, str]:
+    """Return the line of names and the template of a row."""
+    names, numbers = zip(*columns, strict=True)
+    return ",".join(names) + "\n", ",".join(numbers)
+
+
+def _write_table(path: Path, columns: list[tuple[str, str]], table: FloatArray) -> None:
+    write_rows(path, *_header(columns), [table], lambda part: part)
 
 
 def _read_table(path: Path, names: list[str]) -> FloatArray:
+    import pandas as pd  # slow to import
+
     try:
         frame = pd.read_csv(path, engine="c")
         missing = [name for name in names if name not in frame.columns]
@@ -93,7 +99,7 @@ def _read_table(path: Path, names: list[str]) -> FloatArray:
 
 def write_solution(path: Path, trajectory: Trajectory) -> None:
     """Write solution.csv."""
-    _write_table(path, SOLUTION_COLUMNS, map(_solution_table, trajectory.parts()))
+    write_rows(path, *_header(SOLUTION_COLUMNS), trajectory.parts(), _solution_table)
 
 
 def _solution_table(trajectory: Trajectory) -> FloatArray:
@@ -186,13 +192,33 @@ def read_updates(path: Path) -> tuple[Update, ...]:
 def write_epochs(path: Path, epochs: Epochs) -> None:
     """Write epochs.csv."""
     columns = [("time_gps_s", "%.6f"), ("tracked", "%d"), ("usable", "%d")]
-    _write_table(path, columns, [np.column_stack([epochs.time, epochs.tracked, epochs.usable])])
+    _write_table(path, columns, np.column_stack([epochs.time, epochs.tracked, epochs.usable]))
 
 
 def read_epochs(path: Path) -> Epochs:
     """Read epochs.csv."""
     table = _read_table(path, ["time_gps_s", "tracked", "usable"])
     return Epochs(table[:, 0], table[:, 1].astype(int), table[:, 2].astype(int))
+
+
+def write_attempts(path: Path, attempts: Iterable[tuple[float, str]]) -> None:
+    """Write alignment.csv: when alignment in motion was tried, and what was missing."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["time_gps_s", "message"])
+        rows.writerows((f"{time:.3f}", message) for time, message in attempts)
+
+
+def read_attempts(path: Path) -> tuple[tuple[float, str], ...]:
+    """Read alignment.csv; there is none where nothing was tried."""
+    if not path.exists():
+        return ()
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = csv.DictReader(file)
+            return tuple((float(row["time_gps_s"]), row["message"]) for row in rows)
+    except (KeyError, ValueError, TypeError) as error:
+        raise DataError("not a line certnav wrote", file=path, line=rows.line_num) from error
 
 
 def write_errors(path: Path, evaluation: Evaluation) -> None:
@@ -204,7 +230,7 @@ def write_errors(path: Path, evaluation: Evaluation) -> None:
         3.0 * evaluation.sigma_pos_n, 3.0 * evaluation.sigma_vel_n,
         3.0 * np.rad2deg(evaluation.sigma_rpy), evaluation.nees_position,
     ])  # fmt: skip
-    _write_table(path, ERROR_COLUMNS, [table])
+    _write_table(path, ERROR_COLUMNS, table)
 
 
 def read_errors(path: Path) -> dict[str, FloatArray]:

@@ -10,7 +10,6 @@ are optimistic and are given beside.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from datasets.sequence import Sequence
 from filters.errors import ConfigError, DataError
 from filters.rotation import FloatArray
 from nav.config import Config
+from nav.sweep import in_parallel
 from nav.tuning_score import (
     Fold,
     Part,
@@ -194,7 +194,8 @@ def tune(
     ]
     if not work:
         raise ConfigError("tune: no sequence given")
-    found = _distinct(_in_parallel(work, jobs, scheduler))
+    calls = [(job,) for job in work]
+    found = _distinct(list(in_parallel(_run, calls, jobs=jobs, scheduler=scheduler)))
     parts = [part for report in found for part in report.parts]
     alone = by_sequence(parts)
     score = total(list(alone.values()))
@@ -256,37 +257,6 @@ def _distinct(found: list[_Report]) -> list[_Report]:
         parts = [replace(part, sequence=name) for part in report.parts]
         out.append(replace(report, name=name, parts=parts))
     return out
-
-
-def _in_parallel(work: list[_Job], jobs: int, scheduler: str | None) -> list[_Report]:
-    """Run the jobs here, in processes, or on a Dask cluster."""
-    if scheduler is None and (len(work) == 1 or jobs == 1):
-        return [_run(job) for job in work]
-    import joblib
-
-    with ExitStack() as stack:
-        if scheduler is not None:
-            stack.enter_context(_cluster(scheduler))
-            return list(joblib.Parallel()(joblib.delayed(_run)(job) for job in work))
-        return list(joblib.Parallel(n_jobs=jobs)(joblib.delayed(_run)(job) for job in work))
-
-
-def _cluster(scheduler: str) -> AbstractContextManager:
-    """Return a context in which joblib works on a Dask cluster."""
-    import joblib
-
-    try:
-        from distributed import Client
-    except ImportError:
-        raise ConfigError("--scheduler needs Dask: pip install 'certnav[dask]'") from None
-    stack = ExitStack()
-    try:
-        client = stack.enter_context(Client(scheduler, timeout=5, set_as_default=False))
-    except (OSError, TimeoutError, ValueError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise ConfigError(f"--scheduler {scheduler}: no Dask scheduler there ({reason})") from None
-    stack.enter_context(joblib.parallel_config(backend="dask", client=client))
-    return stack
 
 
 def _run(job: _Job) -> _Report:

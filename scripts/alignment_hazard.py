@@ -1,6 +1,7 @@
 """Does a wrong attitude ever pass? Simulated windows, good and bad, judged by the verdict.
 
     python scripts/alignment_hazard.py [--runs 1000] [--seed 1] [--jobs 1] [--json]
+        [--scheduler ADDRESS]
 
 1 to 8 satellites, level, hilly or straight, 10 to 30 epochs, 0.01 to 1 m/s of noise, a clock that
 is steady, drifts by up to 0.1 m/s² or wanders by up to 0.2 m/s/√s (known to be no worse), and in
@@ -14,7 +15,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -27,6 +27,7 @@ from alignment.robust import align_robust
 from alignment.simulation import SimulatedWindow, simulate_window
 from alignment.verdict import VerdictLimits
 from filters.errors import AlignmentError
+from nav.sweep import in_parallel
 
 OUTLIERS = ("random", "moderate", "clustered", "satellite", "other attitude")
 #: What the clock is known not to exceed [m/s/√s].
@@ -93,14 +94,17 @@ def one(seed: int) -> tuple[str, bool, bool, bool, float, float, tuple[str, ...]
     )
 
 
-def run(runs: int, seed: int, jobs: int) -> dict:
+def several(seeds: range) -> list:
+    """What one process does at a time: starting a run costs more than the run."""
+    return [one(seed) for seed in seeds]
+
+
+def run(runs: int, seed: int, jobs: int, scheduler: str | None = None) -> dict:
     """All figures."""
     seeds = range(seed * 10_000_000, seed * 10_000_000 + runs)
-    if jobs > 1:
-        with ProcessPoolExecutor(jobs) as pool:
-            outcomes = list(pool.map(one, seeds, chunksize=64))
-    else:
-        outcomes = [one(s) for s in seeds]
+    portions = [(seeds[k : k + 64],) for k in range(0, runs, 64)]
+    found = in_parallel(several, portions, jobs=jobs, scheduler=scheduler)
+    outcomes = [outcome for portion in found for outcome in portion]
     passed = [o for o in outcomes if o[2]]
     beyond = sum(bool(error > bound) for *_, error, bound, _ in passed)
     far = sum(bool(error > np.radians(30.0)) for *_, error, _, _ in passed)
@@ -127,10 +131,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--jobs", type=int, default=1, help="processes, −1: all processors")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to spread over")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     arguments = parser.parse_args()
-    figures = run(arguments.runs, arguments.seed, arguments.jobs)
+    figures = run(arguments.runs, arguments.seed, arguments.jobs, arguments.scheduler)
     if arguments.json:
         print(json.dumps(figures))
         return

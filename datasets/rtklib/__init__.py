@@ -8,7 +8,7 @@ through single precision (≤ 0.25 mHz, that is 0.05 mm/s, for Dopplers below 4 
 """
 
 from datasets.rtklib.atmosphere import ionosphere_delay, troposphere_delay
-from datasets.rtklib.observations import read_observations
+from datasets.rtklib.kept import read_observations
 from datasets.rtklib.positioning import SinglePoint, single_point
 from datasets.rtklib.rtk import RelativePositions, relative_positions
 from datasets.rtklib.satellites import SatelliteStates, satellite_states

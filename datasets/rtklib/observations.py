@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from datasets import gpstime
 from datasets.rinex import check_observations
+from datasets.rtklib.file_names import harmless_name
 from datasets.rtklib.satellites import (
     GPS_EPOCH_GTIME,
     broadcast_states,
@@ -122,7 +123,8 @@ def _observation_records(path: Path, systems: str, codes: Sequence[str], bands: 
     """Return gtime seconds (whole, fraction), satellite, code, P, L, D, C/N0, lock per row."""
     obs, nav, station = rtk.obs_t(), rtk.nav_t(), rtk.sta_t()
     options = " ".join(f"-{code[0]}L{code[1:]}" for code in codes)
-    rtk.readrnx(str(path), 1, options, obs, nav, station)
+    with harmless_name(path) as name:
+        rtk.readrnx(name, 1, options, obs, nav, station)
     if obs.n == 0:
         raise DataError("no observations found", file=path, remedy="check the file's content")
     rtk.sortobs(obs)
@@ -171,13 +173,20 @@ def _refuse_no_overlap(
     toe = [nav.eph[k].toe.time for k in range(nav.n)] + [
         nav.geph[k].toe.time for k in range(nav.ng)
     ]
-    span = [gpstime.to_calendar(t) for t in (time[0], time[-1])]
-    known = [gpstime.to_calendar(t - GPS_EPOCH_GTIME) for t in (min(toe), max(toe))]
+    span = [_date(t) for t in (time[0], time[-1])]
+    known = [_date(t - GPS_EPOCH_GTIME) for t in (min(toe), max(toe))]
     files = ", ".join(Path(p).name for p in navigation)
     raise DataError(
-        f"no ephemeris for any observation: observations {span[0]:%Y-%m-%d %H:%M}…"
-        f"{span[1]:%Y-%m-%d %H:%M}, ephemerides {known[0]:%Y-%m-%d %H:%M}…"
-        f"{known[1]:%Y-%m-%d %H:%M} ({files})",
+        f"no ephemeris for any observation: observations {span[0]}…{span[1]}, "
+        f"ephemerides {known[0]}…{known[1]} ({files})",
         file=path,
         remedy="wrong week or wrong navigation file",
     )
+
+
+def _date(time: float) -> str:
+    """Return a date for a message; damaged ephemerides may hold any."""
+    try:
+        return f"{gpstime.to_calendar(time):%Y-%m-%d %H:%M}"
+    except OverflowError:
+        return f"GPS second {time:.4g}"

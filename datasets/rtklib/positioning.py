@@ -12,6 +12,7 @@ import pyrtklib5 as rtk
 from numpy.typing import NDArray
 
 from datasets.rtklib.atmosphere import klobuchar
+from datasets.rtklib.persistence import Persistent, persistent_faults
 from datasets.rtklib.satellites import GPS_EPOCH_GTIME, gtime, load_navigation
 from datasets.sequence import GnssFixes, GnssObservations
 from filters.earth import SPEED_OF_LIGHT
@@ -41,6 +42,8 @@ class SinglePoint:
         Satellites used by each fix.
     rejected : tuple of int
         Rows of the observations that the residual test excluded: 'pseudorange residual'.
+    persistent : tuple of Persistent
+        Satellites wrong by the same amount all the time, which that test has let pass.
     """
 
     fixes: GnssFixes
@@ -48,6 +51,7 @@ class SinglePoint:
     failed: tuple[tuple[float, str], ...]
     satellites: tuple[tuple[str, ...], ...]
     rejected: tuple[int, ...]
+    persistent: tuple[Persistent, ...] = ()
 
 
 def single_point(
@@ -282,10 +286,17 @@ def _single_point(
         satellites=np.array([len(p.used) for p in points], dtype=np.int64),
         quality=np.full(n, "single"),
     )
+    satellites = tuple(tuple(map(str, observations.sat[p.used])) for p in points)
     return SinglePoint(
         fixes,
         np.array([p.clock for p in points], dtype=float),
         tuple(failed),
-        tuple(tuple(map(str, observations.sat[p.used])) for p in points),
+        satellites,
         tuple(rejected),
+        persistent_faults(
+            satellites,
+            [p.H for p in points],
+            [p.residuals for p in points],
+            [p.sigma for p in points],
+        ),
     )

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from datasets import gpstime
 from datasets.rinex import check_observations
+from datasets.rtklib.file_names import harmless_name
 from datasets.rtklib.observations import _known_systems
 from datasets.rtklib.satellites import GPS_EPOCH_GTIME, load_navigation
 from datasets.rtklib.screened_rinex import write_screened
@@ -205,7 +206,8 @@ def _epochs(files: list[Path]) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return the epochs of observation files [s] and how many satellites each has."""
     obs, nav, station = rtk.obs_t(), rtk.nav_t(), rtk.sta_t()
     for file in files:
-        rtk.readrnx(str(file), 1, "", obs, nav, station)
+        with harmless_name(file) as name:
+            rtk.readrnx(name, 1, "", obs, nav, station)
     if obs.n == 0:
         raise DataError("no observations found", file=files[0], remedy="check the file's content")
     data = obs.data

@@ -12,6 +12,7 @@ import pyrtklib5 as rtk
 from numpy.typing import ArrayLike, NDArray
 
 from datasets.rinex import check_navigation
+from datasets.rtklib.file_names import harmless_name
 from filters.earth import SPEED_OF_LIGHT
 from filters.errors import DataError
 from filters.rotation import FloatArray
@@ -106,7 +107,8 @@ def _read_navigation(files: tuple[tuple[Path, int, int], ...]) -> Any:
     for path, _, _ in files:
         check_navigation(path)
         before = nav.n + nav.ng
-        rtk.readrnx(str(path), 1, "", obs, nav, station)
+        with harmless_name(path) as name:
+            rtk.readrnx(name, 1, "", obs, nav, station)
         if nav.n + nav.ng == before:
             raise DataError("no ephemeris found", file=path, remedy="check the file's content")
     rtk.uniqnav(nav)

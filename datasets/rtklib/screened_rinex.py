@@ -52,7 +52,7 @@ def write_screened(source: Path, out: Path, observations: GnssObservations) -> N
         if head[31] not in "01":  # events hold header lines, not satellites
             body += [head, *rows]
             continue
-        usable = keep.get(_tick(head), set())
+        usable = keep.get(_tick(head, source), set())
         kept = []
         for row in rows:
             name = row[0] + row[1:3].replace(" ", "0")
@@ -78,10 +78,18 @@ def _usable(observations: GnssObservations) -> dict[int, set[str]]:
     return out
 
 
-def _tick(head: str) -> int:
+def _tick(head: str, source: Path) -> int:
     """Return the epoch of an epoch line [ms]."""
-    year, month, day, hour, minute = (int(v) for v in head[1:18].split())
-    return round(gpstime.from_calendar(year, month, day, hour, minute, float(head[18:29])) * 1e3)
+    try:
+        year, month, day, hour, minute = (int(v) for v in head[1:18].split())
+        time = gpstime.from_calendar(year, month, day, hour, minute, float(head[18:29]))
+    except (ValueError, OverflowError):
+        raise DataError(
+            f"expected the date of an epoch, found '{head[1:29].strip()}'",
+            file=source,
+            remedy="the file is damaged: copy or convert it again",
+        ) from None
+    return round(time * 1e3)
 
 
 def _carrier_columns(header: list[str]) -> dict[str, tuple[int, ...]]:

@@ -56,7 +56,37 @@ def test_run_writes_a_complete_result(drive, tmp_path, capsys):
     assert summary["errors"]["horizontal_rms_m"] < 3.0
     assert summary["timing"]["total_s"] > summary["timing"]["read_s"] > 0.0
     assert len(read_result(out).solution.trajectory) > 500
-    assert [p.name for p in tmp_path.iterdir()] == ["result"]  # nothing temporary is left
+    # Nothing temporary is left; RINEX has been kept for the next run.
+    assert sorted(p.name for p in tmp_path.iterdir()) == [".certnav-cache", "result"]
+
+
+def test_only_one_format_and_the_same_numbers(drive, tmp_path, capsys):
+    whole, lean = tmp_path / "whole", tmp_path / "lean"
+    rate = ["--set", "filter.output_rate_hz=0"]
+    run = ["run", str(drive), *rate]
+    assert main([*run, "--out", str(whole), "--format", "nav", "--no-report"]) == 0
+    assert main([*run, "--out", str(lean), "--only", "nav"]) == 0
+    assert not {"solution.csv", "report.html"} & {p.name for p in lean.iterdir()}
+    nav = (lean / "solution.nav").read_bytes()
+    assert nav == (whole / "solution.nav").read_bytes()
+    summary = json.loads((lean / "summary.json").read_text())
+    assert len(nav.splitlines()) > 0.8 * summary["imu_samples"]  # every sample once aligned
+    capsys.readouterr()
+    assert "solution.csv" in refuse(capsys, "report", lean, "--out", tmp_path / "page")
+    for wrong in ([], ["nav", "--format", "kml"], ["nvv"]):
+        said = refuse(capsys, *run, "--out", lean, "--only", *(wrong or [""]))
+        assert "--only" in said or "--format" in said
+
+
+def test_rinex_comes_from_the_cache_and_gives_the_same_solution(drive, tmp_path, monkeypatch):
+    from datasets.rtklib import observations
+
+    first, second = tmp_path / "first", tmp_path / "second"
+    assert main(["run", str(drive), "--out", str(first), "--only", "tum"]) == 0
+    monkeypatch.setattr(observations, "_observation_records", None)  # would fail if called
+    assert main(["run", str(drive), "--out", str(second), "--only", "tum"]) == 0
+    same = [(out / "solution.tum").read_bytes() for out in (first, second)]
+    assert same[0] == same[1]
 
 
 def test_set_start_and_end(drive, tmp_path):
@@ -227,6 +257,20 @@ def test_simulate_and_refusal_to_overwrite(tmp_path, capsys):
     assert (out / "IMU" / "MEMS_imu_data.txt").is_file()
     assert "exists" in refuse(capsys, *arguments)
     assert main([*arguments, "--overwrite"]) == 0
+
+
+def test_a_run_imports_nothing_slow_that_it_may_not_need():
+    """Each of these takes longer to import than minutes of data to navigate."""
+    code = (
+        "import sys, nav.run_command, datasets.load as load\n"
+        "for kind in load.formats().values(): kind.detect, kind.read\n"
+        "print(sorted(set(sys.modules) & {'pandas', 'filterpy', 'scipy.stats', 'scipy.special',"
+        " 'scipy.spatial', 'scipy.interpolate', 'matplotlib', 'pyrtklib5', 'joblib', 'rich'}))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.strip() == "[]"
 
 
 def test_help_is_instant():
