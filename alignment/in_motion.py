@@ -1,8 +1,8 @@
 """Waiting for an attitude: a window that grows, then slides, until its verdict passes.
 
-At every epoch the last seconds are aligned from IMU and Doppler. What is missing is said in one
-line an epoch, and the first window that passes every verdict starts the filter, at its end. A
-standstill on the way gives the gyro bias, which is what limits the heading otherwise.
+Once a second the last seconds are aligned from IMU and Doppler. What is missing is said in one
+line, and the first window that passes every verdict starts the filter, at its end. A standstill on
+the way gives the gyro bias, which is what limits the heading otherwise.
 """
 
 from __future__ import annotations
@@ -11,23 +11,26 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from alignment.inertial import InertialAlignment, align_epochs
-from alignment.inertial_rows import InertialDoppler, inertial_doppler, inertial_track
+from alignment.inertial import InertialAlignment, align_epochs, glimpse
+from alignment.inertial_rows import DopplerEpoch, joined
 from alignment.inertial_unknowns import InertialOptions
 from alignment.initial import InitialAttitude
 from datasets.sequence import GnssObservations
-from filters.earth import EARTH_RATE, OMEGA_IE_SKEW
+from filters.earth import EARTH_RATE
 from filters.errors import AlignmentError, ConfigError
 from filters.rotation import FloatArray
-from filters.sensors import ImuSpec
 from filters.strapdown import InertialStream
+from velocity.range_rate import doppler_rows
 
 #: Spread of z over satellites, in σ, up to which an epoch looks like a standstill.
 _STILL = 3.0
 #: Gyro within a second, per axis, beyond its own noise, while the engine idles [rad/s].
 _IDLE_GYRO = np.radians(0.3)
+#: A first look at a window is right to a factor of two: beyond so many times the limit for the
+#: heading nothing can come of it.
+_HOPELESS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,19 +76,128 @@ class Attempt:
 
     Attributes
     ----------
-    time : float
-        Its end, GPS time [s].
+    start, time : float
+        Its begin and end, GPS time [s].
     passed : bool
     message : str
         What it is waiting for, or what it found; one line.
     alignment : InertialAlignment or None
-        None where there was too little to solve for anything.
+        None where there was too little to solve for anything, or to be worth it.
     """
 
+    start: float
     time: float
     passed: bool
     message: str
     alignment: InertialAlignment | None
+
+
+class MotionAligner:
+    """Takes Doppler epochs as they come and tries to align on the last of them.
+
+    Everything it decides at an epoch follows from what lies before it, so that recorded and live
+    data give the same. An attempt costs the same however long the drive: the window is as long
+    as `MotionOptions.longest` at most, and from 50 s of waiting on attempts become rarer, by 2 %
+    of the time waited.
+
+    Parameters
+    ----------
+    stream : InertialStream
+        May grow; it must reach a few samples past each epoch that is added.
+    lever_b : array_like, shape (3,)
+        IMU to antenna [m].
+    options : MotionOptions, optional
+    """
+
+    def __init__(
+        self,
+        stream: InertialStream,
+        lever_b: ArrayLike = (0.0, 0.0, 0.0),
+        options: MotionOptions | None = None,
+    ) -> None:
+        self.stream, self.lever_b = stream, np.asarray(lever_b, dtype=float)
+        self.options = options or MotionOptions()
+        self._epochs: list[DopplerEpoch] = []
+        self._still: list[bool] = []
+        self._rest: tuple[FloatArray, float] | None = None
+        self._near: FloatArray | None = None
+        self._began, self._tried = np.nan, -np.inf
+
+    def add(self, epoch: DopplerEpoch, attempt: bool = True) -> Attempt | None:
+        """Take an epoch later than those before; return the attempt that was due, if one was.
+
+        Parameters
+        ----------
+        epoch : DopplerEpoch
+        attempt : bool
+            False: only take it.
+        """
+        options, inertial = self.options, self.options.inertial
+        if self._epochs and epoch.time - self._epochs[-1].time < inertial.interval - 1e-6:
+            return None
+        if not self._epochs:
+            self._began = epoch.time
+        self._epochs.append(epoch)
+        self._still.append(_is_still(epoch))
+        while epoch.time - self._epochs[0].time > options.longest + 1e-6:
+            del self._epochs[0], self._still[0]
+        self._rest = self._at_rest() or self._rest
+        rarely = min(0.02 * (epoch.time - self._began), 0.25 * options.longest)
+        due = self._tried + max(options.every, rarely)
+        long_enough = epoch.time - self._epochs[0].time >= options.shortest - 1e-6
+        if not (attempt and long_enough and epoch.time >= due - 1e-6):
+            return None
+        self._tried = epoch.time
+        if all(self._still):
+            return Attempt(
+                self._epochs[0].time, epoch.time, False, "not aligned: at rest, needs motion", None
+            )
+        return self._attempt()
+
+    def _attempt(self) -> Attempt:
+        start, time, options = self._epochs[0].time, self._epochs[-1].time, self.options.inertial
+        if self._rest is not None:
+            mean, sigma = self._rest
+            options = replace(options, gyro_bias=mean, gyro_bias_sigma=sigma)
+        doppler = joined(self._epochs)
+        try:
+            if self._near is None:
+                sigma = glimpse(self.stream, doppler, self.lever_b, options)
+                if sigma > _HOPELESS * self.options.sigma_heading:
+                    return Attempt(start, time, False, _too_wide(sigma, self.options), None)
+            found = align_epochs(self.stream, doppler, self.lever_b, options, gyro_bias=self._near)
+        except AlignmentError as error:
+            return Attempt(start, time, False, str(error), None)
+        # Where to linearise next: an estimate that passed, else none.
+        self._near = found.gyro_bias if found.passed else None
+        return _judged(found, self.options)
+
+    def _at_rest(self) -> tuple[FloatArray, float] | None:
+        """Return the gyro bias of the standstill that lasts, with its σ; None if there is none.
+
+        What the gyros show then is the bias and the Earth's rate, whose direction is not known
+        yet.
+        """
+        moved = np.flatnonzero(~np.array(self._still))
+        first = int(moved[-1]) + 1 if moved.size else 0
+        if first >= len(self._epochs):
+            return None
+        start, end = self._epochs[first].time, self._epochs[-1].time
+        if end - start < self.options.shortest_rest - 1e-6:
+            return None
+        imu = self.options.inertial.imu
+        edges = self.stream.edges
+        samples = slice(*np.searchsorted(edges, [start, end]))
+        gyro = self.stream.gyro[samples]
+        if len(gyro) <= 10:
+            return None
+        interval = (end - start) / len(gyro)
+        limit = 3.0 * imu.gyro_noise_density / np.sqrt(interval) + _IDLE_GYRO
+        if np.any(gyro.std(axis=0) > limit):
+            return None
+        noise = imu.gyro_noise_density / np.sqrt(end - start)
+        sigma = np.sqrt(noise**2 + imu.gyro_bias_sigma**2 + EARTH_RATE**2)
+        return gyro.mean(axis=0), float(sigma)
 
 
 def attempts(
@@ -97,7 +209,7 @@ def attempts(
     *,
     time: ArrayLike | None = None,
 ) -> Iterator[Attempt]:
-    """Yield one attempt an epoch, whether it passes or not.
+    """Yield every attempt on recorded observations, whether it passes or not.
 
     Parameters
     ----------
@@ -118,33 +230,24 @@ def attempts(
         If there is no Doppler within the IMU data.
     """
     options = options or MotionOptions()
-    inertial = options.inertial
-    doppler, which = _within(stream, observations, np.asarray(pos_e, dtype=float), inertial, time)
-    when = doppler.time
-    track = inertial_track(stream, when)
-    still = _still(doppler)
-    bias: FloatArray | None = None
-    tried = -np.inf
-    for last in range(1, when.size):
-        first = int(np.searchsorted(when, when[last] - options.longest - 1e-6))
-        elapsed = float(when[last] - when[first])
-        if elapsed < options.shortest - 1e-6 or when[last] - tried < options.every - 1e-6:
-            continue
-        tried = float(when[last])
-        known = _at_rest(stream, when, still, last, inertial.imu, options.shortest_rest)
-        current = inertial if known is None else _with_bias(inertial, *known)
-        try:
-            found = align_epochs(
-                stream, doppler, first, last, lever_b, current,
-                gyro_bias=bias, track=track if bias is None else None,
-            )  # fmt: skip
-        except AlignmentError as error:
-            yield Attempt(tried, False, str(error), None)
-            continue
-        # Where to linearise next: an estimate that passed, else none.
-        bias = found.gyro_bias if found.passed else None
-        # Indices into the observations as given.
-        yield _judged(replace(found, source=which[found.source]), tried, options)
+    when = observations.time if time is None else np.asarray(time, dtype=float)
+    position = np.broadcast_to(np.asarray(pos_e, dtype=float), (len(observations), 3))
+    rows = doppler_rows(observations, position, options.inertial.noise)
+    at = when[rows.row]
+    epochs, first = np.unique(at, return_index=True)
+    ends = np.append(first[1:], at.size)
+    inside = (epochs >= stream.start) & (epochs <= stream.end)
+    if np.sum(inside) < 2:
+        raise AlignmentError(
+            "no Doppler with satellite states within the IMU data — do the times overlap, and "
+            "are there navigation files?"
+        )
+    aligner = MotionAligner(stream, lever_b, options)
+    for k in np.flatnonzero(inside):
+        here = rows.take(slice(first[k], ends[k]))
+        attempt = aligner.add(DopplerEpoch(float(epochs[k]), position[here.row[0]], here))
+        if attempt is not None:
+            yield attempt
 
 
 def wait_for_alignment(
@@ -204,81 +307,41 @@ def align_in_motion(
     ).initial_attitude()
 
 
-def _within(
-    stream: InertialStream, observations: GnssObservations, pos_e: FloatArray,
-    options: InertialOptions, time: ArrayLike | None,
-) -> tuple[InertialDoppler, NDArray[np.int64]]:  # fmt: skip
-    """Return the rows within the IMU data, and which observations were offered for them."""
-    when = observations.time if time is None else np.asarray(time, dtype=float)
-    inside = (when >= stream.start) & (when <= stream.end) & observations.has_range_rate
-    if np.unique(when[inside]).size < 2:
-        raise AlignmentError(
-            "no Doppler with satellite states within the IMU data — do the times overlap, and "
-            "are there navigation files?"
-        )
-    doppler = inertial_doppler(
-        observations.take(inside), pos_e[inside] if pos_e.ndim == 2 else pos_e, options.noise,
-        time=when[inside], interval=options.interval,
-    )  # fmt: skip
-    return doppler, np.flatnonzero(inside)
+def _judged(found: InertialAlignment, options: MotionOptions) -> Attempt:
+    passed = found.passed and found.sigma_heading <= options.sigma_heading
+    if passed:
+        message = found.initial_attitude().message
+    elif found.passed:
+        message = _too_wide(found.sigma_heading, options)
+    else:
+        message = _awaited(found)
+    return Attempt(found.start, found.time, passed, message, found)
 
 
-def _judged(found: InertialAlignment, time: float, options: MotionOptions) -> Attempt:
-    sigma, limit = np.degrees([found.sigma_heading, options.sigma_heading])
-    if found.passed and sigma > limit:
-        message = (
-            f"not aligned: heading ±{sigma:.2g}° 1σ (limit {limit:.2g}°), needs a turn, a change "
-            "of speed or a standstill"
-        )
-        return Attempt(time, False, message, found)
-    message = found.initial_attitude().message if found.passed else found.message
-    return Attempt(time, found.passed, message, found)
+def _too_wide(sigma: float, options: MotionOptions) -> str:
+    known = f"heading ±{np.degrees(sigma):.2g}° 1σ" if sigma < np.radians(100.0) else "no heading"
+    limit = np.degrees(options.sigma_heading)
+    return f"not aligned: {known} (limit {limit:.2g}°), needs a turn, a change of speed or a rest"
 
 
-def _with_bias(options: InertialOptions, mean: FloatArray, sigma: float) -> InertialOptions:
-    return replace(options, gyro_bias=mean, gyro_bias_sigma=sigma)
+def _awaited(found: InertialAlignment) -> str:
+    """Say what is missing in the words of whoever drives.
+
+    Without a bound on the attitude nothing that is proved of its optimum matters yet.
+    """
+    result = found.result
+    told = [v for v in result.failed if v.name not in ("optimal", "unique", "unambiguous")]
+    if result.bounded.passed:
+        told = list(result.failed)
+    return "not aligned: " + "; ".join(verdict.message for verdict in told)
 
 
-def _still(doppler: InertialDoppler) -> NDArray[np.bool_]:
-    """Return the epochs at which three or more satellites see no velocity.
+def _is_still(epoch: DopplerEpoch) -> bool:
+    """Tell if three or more satellites see no velocity.
 
     At rest z is the clock's drift for all satellites, whatever their directions.
     """
-    z = doppler.z - np.sum(doppler.e_e * (doppler.pos_e @ OMEGA_IE_SKEW.T)[doppler.epoch], axis=1)
-    still = np.zeros(doppler.time.size, dtype=bool)
-    starts = np.searchsorted(doppler.epoch, np.arange(doppler.time.size + 1))
-    for k in range(doppler.time.size):
-        rows = slice(starts[k], starts[k + 1])
-        if starts[k + 1] - starts[k] >= 3:
-            off = np.abs(z[rows] - np.median(z[rows])) / doppler.sigma[rows]
-            still[k] = bool(np.median(off) < 1.0 and off.max() < _STILL)
-    return still
-
-
-def _at_rest(
-    stream: InertialStream, when: FloatArray, still: NDArray[np.bool_], last: int, imu: ImuSpec,
-    shortest: float,
-) -> tuple[FloatArray, float] | None:  # fmt: skip
-    """Return the gyro bias of the last standstill before epoch `last`, with its σ.
-
-    What the gyros show then is the bias and the Earth's rate, whose direction is not known yet.
-    """
-    k = last
-    while k >= 0:
-        if not still[k]:
-            k -= 1
-            continue
-        j = k
-        while j > 0 and still[j - 1]:
-            j -= 1
-        if when[k] - when[j] >= shortest:
-            samples = slice(*np.searchsorted(stream.edges, [when[j], when[k]]))
-            gyro = stream.gyro[samples]
-            dt = float(np.median(np.diff(stream.edges)))
-            limit = 3.0 * imu.gyro_noise_density / np.sqrt(dt) + _IDLE_GYRO
-            if len(gyro) > 10 and np.all(gyro.std(axis=0) < limit):
-                noise = imu.gyro_noise_density / np.sqrt(when[k] - when[j])
-                sigma = np.sqrt(noise**2 + imu.gyro_bias_sigma**2 + EARTH_RATE**2)
-                return gyro.mean(axis=0), float(sigma)
-        k = j - 1
-    return None
+    if len(epoch.rows) < 3:
+        return False
+    off = np.abs(epoch.rows.z - np.median(epoch.rows.z)) / epoch.rows.sigma
+    return bool(np.median(off) < 1.0 and off.max() < _STILL)

@@ -36,6 +36,7 @@ from datasets.sequence import GnssObservations
 from filters.earth import C_en_of
 from filters.errors import AlignmentError
 from filters.rotation import FloatArray
+from filters.sensors import ImuSpec
 from filters.strapdown import InertialStream
 
 
@@ -67,6 +68,9 @@ class InertialAlignment:
         Satellites with rejected rows.
     rounds : int
         Linearisations it took.
+    track : InertialTrack
+        Integrals of the IMU at the epochs, biases taken off, anchored at the last.
+    imu : ImuSpec
     """
 
     result: AlignmentResult
@@ -82,6 +86,8 @@ class InertialAlignment:
     source: NDArray[np.int64]
     outlier_sats: tuple[str, ...]
     rounds: int
+    track: InertialTrack
+    imu: ImuSpec
 
     @property
     def passed(self) -> bool:
@@ -129,6 +135,45 @@ class InertialAlignment:
             f"{self.result.bounded.message}{aside}",
         )  # fmt: skip
 
+    def carried_to(self, k: int, weight: float = 1.0) -> tuple[FloatArray, FloatArray]:
+        """Carry attitude and biases to epoch k of the window by the gyros.
+
+        Whoever filters the window's Doppler from there on uses it twice. With a `weight` of 1/9
+        it has told a ninth of what it knows before: 1σ is then what 3σ was.
+
+        Parameters
+        ----------
+        k : int
+        weight : float
+            Of the information that the window adds to what was known of the sensor.
+
+        Returns
+        -------
+        C_eb : ndarray, shape (3, 3)
+        cov : ndarray, shape (9, 9)
+            Of attitude (a small rotation in e axes), gyro bias and accelerometer bias.
+        """
+        C_eb, track, spec = self.track.attitude(self.C_eb, k), self.track, self.imu
+        to_k = C_eb @ track.C_wb[k].T @ self.C_eb.T
+        # A change δ of the gyro bias turns C_wb by −Aδ.
+        J = np.eye(9)
+        J[:3, :3] = to_k
+        J[:3, 3:6] = -to_k @ self.C_eb @ track.A[k, :, :3]
+        chosen = np.r_[0:3, 6:12]
+        cov = J @ self.cov[np.ix_(chosen, chosen)] @ J.T
+        gyro = np.hypot(spec.gyro_bias_initial_sigma, spec.gyro_bias_sigma)
+        accel = np.hypot(spec.accel_bias_initial_sigma, spec.accel_bias_sigma)
+        before = np.diag(np.r_[np.zeros(3), np.full(3, gyro), np.full(3, accel)] ** 2)
+        before[3:, 3:] = np.linalg.inv(before[3:, 3:])
+        cov = np.asarray(
+            np.linalg.inv(weight * np.linalg.inv(cov) + (1.0 - weight) * before), float
+        )
+        angle = float(rotation_angle(np.eye(3), track.C_wb[k]))
+        elapsed = abs(track.time[k] - self.time)
+        scale = 1e-6 * spec.gyro_scale_ppm * angle
+        cov[:3, :3] += np.eye(3) * (spec.gyro_noise_density**2 * elapsed + scale**2)
+        return C_eb, cov
+
 
 def align_inertial(
     stream: InertialStream,
@@ -167,51 +212,39 @@ def align_inertial(
         observations.take(inside), pos_e[inside] if pos_e.ndim == 2 else pos_e, options.noise,
         time=when[inside], interval=options.interval,
     )  # fmt: skip
-    found = align_epochs(stream, doppler, 0, len(doppler.time) - 1, lever_b, options)
+    found = align_epochs(stream, doppler, lever_b, options)
     return replace(found, source=np.flatnonzero(inside)[found.source])
 
 
 def align_epochs(
     stream: InertialStream,
     doppler: InertialDoppler,
-    first: int,
-    last: int,
     lever_b: ArrayLike = (0.0, 0.0, 0.0),
     options: InertialOptions | None = None,
     *,
     gyro_bias: ArrayLike | None = None,
-    track: InertialTrack | None = None,
 ) -> InertialAlignment:
-    """Align on the epochs first … last of prepared rows; what `align_inertial` does.
+    """Align on prepared rows; what `align_inertial` does.
 
     Parameters
     ----------
     stream, lever_b, options
         As for `align_inertial`.
     doppler : InertialDoppler
-    first, last : int
     gyro_bias : array_like, shape (3,), optional
         Where to linearise first, for example the estimate of the window before.
-    track : InertialTrack, optional
-        At `doppler.time`, integrated without biases; only a saving of time.
+
+    Raises
+    ------
+    AlignmentError
+        If there is too little to solve for anything.
     """
     options = options or InertialOptions()
-    if last - first < 1 or not len(doppler):
+    if len(doppler.time) < 2:
         raise AlignmentError("fewer than two epochs with Doppler and IMU data: keep waiting")
-    prior = np.concatenate([np.asarray(options.gyro_bias, dtype=float), np.zeros(3)])
-
-    def at(biases: FloatArray, widen: float = 1.0) -> Window:
-        if track is not None and not biases.any():
-            rows = inertial_rows(doppler, track, lever_b, first=first, last=last)
-        else:
-            part = doppler.part(first, last)
-            again = inertial_track(stream, part.time, biases[:3], biases[3:])
-            rows = inertial_rows(part, again, lever_b)
-        wider = replace(rows.rows, sigma=widen * rows.rows.sigma)
-        return Window(replace(rows, rows=wider), biases, prior, options)
-
+    at = _linearised(stream, doppler, lever_b, options)
     window: Callable[[FloatArray], Window] = at
-    start = prior.copy() if gyro_bias is None else np.append(gyro_bias, np.zeros(3))
+    start = _prior(options) if gyro_bias is None else np.append(gyro_bias, np.zeros(3))
     solved = settle(window, start, options, None)
     inliers = np.ones(len(solved.window), dtype=bool)
     result = align(solved.problem, limits=options.limits)
@@ -236,9 +269,46 @@ def align_epochs(
     sats = tuple(map(str, np.unique(rows.sat[~inliers])))
     return InertialAlignment(
         result, float(rows.track.time[0]), float(rows.track.time[-1]), len(rows.track), vel_e,
-        solved.biases[:3], solved.biases[3:], cov, doppler.pos_e[last], inliers, rows.source,
-        sats, solved.rounds,
+        solved.biases[:3], solved.biases[3:], cov, doppler.pos_e[-1], inliers, rows.source,
+        sats, solved.rounds, rows.track, options.imu,
     )  # fmt: skip
+
+
+def glimpse(
+    stream: InertialStream,
+    doppler: InertialDoppler,
+    lever_b: ArrayLike = (0.0, 0.0, 0.0),
+    options: InertialOptions | None = None,
+) -> float:
+    """Return 1σ of the heading [rad] after one linearisation, as the weights have it.
+
+    Of no use as a result, and a fraction of the work of `align_epochs`: it tells a window that
+    cannot have a heading yet from one that is worth the trouble. Parameters as there.
+    """
+    options = options or InertialOptions()
+    window = _linearised(stream, doppler, lever_b, options)
+    solved = settle(window, _prior(options), replace(options, rounds=1), None)
+    down_e = C_en_of(doppler.pos_e[-1])[:, 2]
+    cov = solved.covariance(np.ones(len(solved.window), dtype=bool))
+    return float(np.sqrt(down_e @ cov[:3, :3] @ down_e))
+
+
+def _prior(options: InertialOptions) -> FloatArray:
+    return np.concatenate([np.asarray(options.gyro_bias, dtype=float), np.zeros(3)])
+
+
+def _linearised(
+    stream: InertialStream, doppler: InertialDoppler, lever_b: ArrayLike, options: InertialOptions
+) -> Callable[..., Window]:
+    """Return what makes a window at given biases, its σ widened by a factor."""
+
+    def at(biases: FloatArray, widen: float = 1.0) -> Window:
+        track = inertial_track(stream, doppler.time, biases[:3], biases[3:])
+        rows = inertial_rows(doppler, track, lever_b)
+        wider = replace(rows.rows, sigma=widen * rows.rows.sigma)
+        return Window(replace(rows, rows=wider), biases, _prior(options), options)
+
+    return at
 
 
 def _reject(

@@ -23,10 +23,11 @@ whole.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from alignment.problem import AlignmentRows
 from datasets.sequence import GnssObservations
@@ -34,7 +35,7 @@ from filters.earth import EARTH_RATE, OMEGA_IE_SKEW, gravitation_e
 from filters.errors import AlignmentError, DataError
 from filters.rotation import FloatArray, matrix_from_rotvec, skew
 from filters.strapdown import InertialStream
-from velocity.range_rate import DopplerNoise, doppler_rows
+from velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +86,11 @@ class InertialTrack:
             self.time[here], k - first, W @ self.C_wb[here], dv @ W.T, W @ A, W @ B,
             W @ (self.F[here] - self.F[k]), self.omega_b[here],
         )  # fmt: skip
+
+    def attitude(self, C_ew: ArrayLike, k: int) -> FloatArray:
+        """Return C_eb at instant k from that at the anchor, the Earth having turned."""
+        elapsed = self.time[k] - self.time[self.anchor]
+        return _turn([elapsed])[0].T @ np.asarray(C_ew, dtype=float) @ self.C_wb[k]
 
     def response(self, start: int, end: int) -> tuple[FloatArray, FloatArray]:
         """Return what a gyro bias that is there between two of the instants only does.
@@ -254,19 +260,6 @@ class InertialDoppler:
     def __len__(self) -> int:
         return self.z.size
 
-    def part(self, first: int, last: int) -> InertialDoppler:
-        """Return the epochs first … last."""
-        epochs = slice(first, last + 1)
-        rows = slice(*np.searchsorted(self.epoch, [first, last + 1]))
-        # Gravitation into the axes of the epoch that is the first now.
-        to_first = _turn(self.time[:1] - self.time[first])[0]
-        return InertialDoppler(
-            self.time[epochs], self.pos_e[epochs],
-            (self.gravity_dv[epochs] - self.gravity_dv[first]) @ to_first.T,
-            self.epoch[rows] - first, self.source[rows], self.sat[rows], self.e_e[rows],
-            self.z[rows], self.sigma[rows],
-        )  # fmt: skip
-
 
 def inertial_doppler(
     observations: GnssObservations,
@@ -292,20 +285,53 @@ def inertial_doppler(
     """
     when = observations.time if time is None else np.asarray(time, dtype=float)
     position = np.broadcast_to(np.asarray(pos_e, dtype=float), (len(observations), 3))
-    doppler = doppler_rows(observations, position, noise)
-    epochs, start, which = np.unique(when[doppler.row], return_index=True, return_inverse=True)
+    rows = doppler_rows(observations, position, noise)
+    epochs, start, which = np.unique(when[rows.row], return_index=True, return_inverse=True)
     chosen = _spaced(epochs, interval)
     keep = chosen[which]
-    epochs, at = epochs[chosen], position[doppler.row[start[chosen]]]
-    which = (np.cumsum(chosen) - 1)[which[keep]]
-    e_e, row = doppler.e_e[keep], doppler.row[keep]
-    z = doppler.z[keep] + np.sum(e_e * (position[row] @ OMEGA_IE_SKEW.T), axis=1)
-    gravitation = np.einsum("nij,nj->ni", _turn(epochs - epochs[:1]), gravitation_e(at))
-    mean = 0.5 * (gravitation[1:] + gravitation[:-1]) if epochs.size else gravitation
-    dv = _summed(np.diff(epochs)[:, None] * mean)[: epochs.size]
-    return InertialDoppler(
-        epochs, at, dv, which, row, doppler.sat[keep], e_e, z, doppler.sigma[keep]
-    )
+    at = position[rows.row[start[chosen]]]
+    return _assembled(epochs[chosen], at, (np.cumsum(chosen) - 1)[which[keep]], rows.take(keep))
+
+
+@dataclass(frozen=True, eq=False)
+class DopplerEpoch:
+    """What one epoch gives to alignment in motion.
+
+    Parameters
+    ----------
+    time : float
+        GPS time, not the receiver's [s].
+    pos_e : ndarray, shape (3,)
+        Antenna, as it was taken for the rows [m].
+    rows : DopplerRows
+        One or more.
+    """
+
+    time: float
+    pos_e: FloatArray
+    rows: DopplerRows
+
+
+def joined(epochs: Sequence[DopplerEpoch]) -> InertialDoppler:
+    """Return the rows of ascending epochs as one stretch."""
+    count = [len(e.rows) for e in epochs]
+    names = [field.name for field in fields(DopplerRows)]
+    together = [np.concatenate([getattr(e.rows, name) for e in epochs]) for name in names]
+    return _assembled(
+        np.array([e.time for e in epochs]), np.array([e.pos_e for e in epochs]),
+        np.repeat(np.arange(len(epochs)), count), DopplerRows(*together),
+    )  # fmt: skip
+
+
+def _assembled(
+    time: FloatArray, pos_e: FloatArray, epoch: NDArray[np.int64], rows: DopplerRows
+) -> InertialDoppler:
+    """Turn to inertial velocity, and sum up gravitation."""
+    z = rows.z + np.sum(rows.e_e * (pos_e @ OMEGA_IE_SKEW.T)[epoch], axis=1)
+    gravitation = np.einsum("nij,nj->ni", _turn(time - time[:1]), gravitation_e(pos_e))
+    mean = 0.5 * (gravitation[1:] + gravitation[:-1]) if time.size else gravitation
+    dv = _summed(np.diff(time)[:, None] * mean)[: time.size]
+    return InertialDoppler(time, pos_e, dv, epoch, rows.row, rows.sat, rows.e_e, z, rows.sigma)
 
 
 def _spaced(time: FloatArray, interval: float) -> np.ndarray:
@@ -374,11 +400,9 @@ def inertial_rows(
     track: InertialTrack,
     lever_b: ArrayLike = (0.0, 0.0, 0.0),
     *,
-    first: int = 0,
-    last: int | None = None,
     anchor: int | None = None,
 ) -> InertialRows:
-    """Return the rows of the epochs first … last.
+    """Return the rows of a window, tied to an anchor.
 
     Parameters
     ----------
@@ -387,26 +411,21 @@ def inertial_rows(
         At `doppler.time`.
     lever_b : array_like, shape (3,)
         IMU to antenna, body axes [m].
-    first, last : int
-        Epochs (default: all).
     anchor : int, optional
         Epoch whose axes are kept; default: the last.
     """
     if not np.array_equal(track.time, doppler.time):
         raise DataError("inertial rows: the track must be at the Doppler's epochs")
-    last = len(track) - 1 if last is None else last
-    here = slice(*np.searchsorted(doppler.epoch, [first, last + 1]))
-    part = track.part(first, last, anchor)
-    k = first + part.anchor
+    part = track.part(0, len(track) - 1, anchor)
+    k = part.anchor
     lever = np.cross(part.omega_b, np.asarray(lever_b, dtype=float))
     vel_w = part.dv_w + np.einsum("nij,nj->ni", part.C_wb, lever)
-    # Axes of the first epoch of all, in which gravitation was summed, to those of the anchor.
+    # From the axes of the first epoch, in which gravitation was summed, to those of the anchor.
     to_anchor = _turn(doppler.time[:1] - doppler.time[k])[0]
-    gravity = (doppler.gravity_dv[first : last + 1] - doppler.gravity_dv[k]) @ to_anchor.T
+    gravity = (doppler.gravity_dv - doppler.gravity_dv[k]) @ to_anchor.T
     carried = gravity + OMEGA_IE_SKEW @ doppler.pos_e[k]
-    epoch = doppler.epoch[here] - first
-    e_e = np.einsum("kij,kj->ki", _turn(part.time - part.time[part.anchor])[epoch],
-                    doppler.e_e[here])  # fmt: skip
-    z = doppler.z[here] - np.sum(e_e * carried[epoch], axis=1)
-    rows = AlignmentRows(e_e, vel_w[epoch], z, doppler.sigma[here], epoch, part.time[epoch])
-    return InertialRows(rows, part, doppler.source[here], doppler.sat[here], gravity)
+    epoch = doppler.epoch
+    e_e = np.einsum("kij,kj->ki", _turn(part.time - part.time[k])[epoch], doppler.e_e)
+    z = doppler.z - np.sum(e_e * carried[epoch], axis=1)
+    rows = AlignmentRows(e_e, vel_w[epoch], z, doppler.sigma, epoch, part.time[epoch])
+    return InertialRows(rows, part, doppler.source, doppler.sat, gravity)

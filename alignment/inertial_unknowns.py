@@ -231,18 +231,21 @@ class Solved:
         unknowns[sensor] += self.window.level
         return jacobian, stacked[:, :m] @ unknowns + stacked[:, m:] @ x
 
-    def estimate(self, result: AlignmentResult, inliers: Mask) -> tuple[FloatArray, FloatArray]:
-        """Return the velocity, and the covariance of attitude, velocity and biases, e axes."""
+    def covariance(self, inliers: Mask) -> FloatArray:
+        """Return that of attitude, velocity and biases as the weights have it, e axes, (12, 12)."""
         jacobian, _ = self.joint(inliers)
         triangle = np.asarray(np.linalg.qr(jacobian, mode="r"))
         chosen = np.r_[-3:0, 0:9]
         picked = np.eye(jacobian.shape[1])[:, chosen]
         half = np.linalg.lstsq(triangle.T, picked, rcond=None)[0]
-        cov = half.T @ half
-        inflation = max(1.0, result.cost / result.dof) if result.dof > 0 else 1.0
         T = np.eye(12)
         T[:3, :3] = self.C_ew
-        return self._unknowns()[:3], inflation * (T @ cov @ T.T)
+        return np.asarray(T @ half.T @ half @ T.T)
+
+    def estimate(self, result: AlignmentResult, inliers: Mask) -> tuple[FloatArray, FloatArray]:
+        """Return the velocity, and the covariance widened by what the residuals say."""
+        inflation = max(1.0, result.cost / result.dof) if result.dof > 0 else 1.0
+        return self._unknowns()[:3], inflation * self.covariance(inliers)
 
 
 def settle(

@@ -7,6 +7,7 @@ from the course once the vehicle moves, on the assumption that it goes where it 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,15 +22,21 @@ from filters.strapdown import InertialStream
 #: Longest window used for levelling [s].
 LEVEL_WINDOW = 20.0
 #: Shortest standstill that counts as one [s].
-SHORTEST_REST = 3.0
-#: Shortest quiet stretch without GNSS that counts [s]; uniform braking is quiet, but shorter.
-SHORTEST_UNSEEN = 8.0
+SHORTEST_REST = 2.0
+#: The same where GNSS was silent [s]: steady braking is quiet, but shorter.
+SHORTEST_UNSEEN = 3.0
+#: Time over which spread and mean are taken, to find one [s].
+_BLOCK = 1.0
 #: GNSS speed above which the vehicle is certainly moving [m/s].
 REST_SPEED = 0.5
 #: Spread within a second, per axis, that an idling engine may add to the sensor's own noise.
 _IDLE_GYRO, _IDLE_ACCEL = np.radians(0.3), 0.15
-#: Change of the one-second means, per axis, within a quiet stretch.
+#: Change of the blocks' means, per axis, within a quiet stretch.
 _DRIFT_GYRO, _DRIFT_ACCEL = np.radians(0.2), 0.08
+#: Error of the speed gained since a standstill, per second: half of 10 mg.
+_DOUBT_ACCEL = 0.05
+#: A wrong level, from a bend taken for a standstill, makes any speed in more than this [s].
+_LONG_AGO = 15.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,12 +147,11 @@ def level_and_course(
     time = float(track.time[k])
     speed = float(np.hypot(vel_n[0], vel_n[1]))
     course = float(np.arctan2(vel_n[1], vel_n[0]))
-    quiet = _rest_before(stream, track, k, imu)
+    rest = _rest_before(stream, track, k, imu, C_bv)
     bias_tilt = np.hypot(imu.accel_bias_initial_sigma, imu.accel_bias_sigma) / 9.8
-    rest = quiet[:2] if quiet is not None else None
-    if quiet is not None and rest is not None:
+    if rest is not None:
         C_hb, mean_rate, elapsed, moved = _carry_from_rest(stream, rest, time, C_bv)
-        backwards = quiet[2] and moved < -0.25 * speed
+        backwards = moved < -0.25 * speed
         drift = imu.gyro_bias_sigma * elapsed + imu.gyro_noise_density * np.sqrt(elapsed)
         tilt = float(np.sqrt(bias_tilt**2 + drift**2))
     else:
@@ -168,9 +174,8 @@ def level_and_course(
             np.hypot(imu.gyro_noise_density / np.sqrt(end - start), imu.gyro_bias_sigma)
         )
     how = "levelled in motion"
-    if quiet is not None:
-        kind = "at rest" if quiet[2] else "without acceleration"
-        how = f"levelled over {quiet[1] - quiet[0]:.0f} s {kind}"
+    if rest is not None:
+        how = f"levelled over {rest[1] - rest[0]:.0f} s at rest"
     return InitialAttitude(
         time, C_eb, attitude_covariance_e(C_en, max(tilt, sigma_level), sigma_psi), sigma_psi,
         gyro_bias, sigma_bias, "level+course",
@@ -212,19 +217,39 @@ def _samples(stream: InertialStream, start: float, end: float) -> slice:
 
 
 def _rest_before(
-    stream: InertialStream, track: VelocityTrack, k: int, imu: ImuSpec
-) -> tuple[float, float, bool] | None:
-    """Return begin and end of the last quiet stretch before epoch k, and if it is a standstill.
+    stream: InertialStream, track: VelocityTrack, k: int, imu: ImuSpec, C_bv: FloatArray
+) -> tuple[float, float] | None:
+    """Return begin and end of the last standstill before epoch k.
 
-    Quiet is judged by the IMU alone, second by second. Steady driving straight ahead is quiet
-    too, and levels just as well; that it was a standstill is only said where GNSS saw one.
+    The IMU says when it was quiet. Steady driving is quiet as well: that the vehicle stood is for
+    GNSS to say, by a velocity then or, where it was silent, by the first one after.
     """
-    dt = float(np.median(np.diff(stream.edges)))
-    n = max(round(1.0 / dt), 2)
-    last = int(np.searchsorted(stream.edges, track.time[k])) - 1
+    for start, stop in _quiet_stretches(stream, float(track.time[k]), imu):
+        within = (track.time >= start) & (track.time <= stop)
+        if within.any():
+            speed = np.linalg.norm(track.vel_e[within], axis=1)
+            stood = bool(np.all(speed <= np.maximum(REST_SPEED, 3.0 * track.sigma[within])))
+        else:
+            long = stop - start >= SHORTEST_UNSEEN - 1e-6
+            stood = long and _gained_all_its_speed(stream, track, (start, stop), C_bv)
+        if stood:
+            return start, stop
+    return None
+
+
+def _quiet_stretches(
+    stream: InertialStream, until: float, imu: ImuSpec
+) -> Iterator[tuple[float, float]]:
+    """Yield begin and end of quiet stretches before a time, the last first.
+
+    Quiet is judged by the IMU alone, second by second.
+    """
+    last = int(np.searchsorted(stream.edges, until)) - 1
+    dt = float(np.median(np.diff(stream.edges[: last + 1]))) if last > 1 else np.inf
+    n = max(round(_BLOCK / dt), 2)
     blocks = last // n
-    if blocks < SHORTEST_REST:
-        return None
+    if blocks < 1:
+        return
     gyro = stream.gyro[: blocks * n].reshape(blocks, n, 3)
     accel = stream.accel[: blocks * n].reshape(blocks, n, 3)
     own_gyro, own_accel = (
@@ -233,9 +258,9 @@ def _rest_before(
     )
     quiet = (gyro.std(axis=1) < 3.0 * own_gyro + _IDLE_GYRO).all(axis=1)
     quiet &= (accel.std(axis=1) < 3.0 * own_accel + _IDLE_ACCEL).all(axis=1)
-    speed = np.linalg.norm(track.vel_e, axis=1)
-    moving = track.time[speed > np.maximum(REST_SPEED, 3.0 * track.sigma)]
-    standing = track.time[speed <= np.maximum(REST_SPEED, 3.0 * track.sigma)]
+    # The noise of a block's mean on top of what may drift.
+    limit_gyro = _DRIFT_GYRO + 6.0 * own_gyro / np.sqrt(n)
+    limit_accel = _DRIFT_ACCEL + 6.0 * own_accel / np.sqrt(n)
     edge = stream.edges[np.arange(blocks + 1) * n]
     mean_gyro, mean_accel = gyro.mean(axis=1), accel.mean(axis=1)
     end = blocks - 1
@@ -248,17 +273,31 @@ def _rest_before(
             first > 0
             and quiet[first - 1]
             and edge[end + 1] - edge[first - 1] <= LEVEL_WINDOW
-            and np.all(np.abs(mean_gyro[first - 1] - mean_gyro[end]) < _DRIFT_GYRO)
-            and np.all(np.abs(mean_accel[first - 1] - mean_accel[end]) < _DRIFT_ACCEL)
+            and np.all(np.abs(mean_gyro[first - 1] - mean_gyro[end]) < limit_gyro)
+            and np.all(np.abs(mean_accel[first - 1] - mean_accel[end]) < limit_accel)
         ):
             first -= 1
-        start, stop = float(edge[first]), float(edge[end + 1])
-        drives = np.any((moving >= start) & (moving <= stop))
-        stands = bool(np.any((standing >= start) & (standing <= stop)) and not drives)
-        if stop - start >= (SHORTEST_REST if stands else SHORTEST_UNSEEN):
-            return start, stop, stands
+        if edge[end + 1] - edge[first] >= SHORTEST_REST - 1e-6:
+            yield float(edge[first]), float(edge[end + 1])
         end = first - 1
-    return None
+
+
+def _gained_all_its_speed(
+    stream: InertialStream, track: VelocityTrack, rest: tuple[float, float], C_bv: FloatArray
+) -> bool:
+    """Tell if the first velocity after a quiet stretch is what the accelerometers added since.
+
+    After a standstill it is; after steady driving it lacks the speed that was there before. Where
+    it is long ago, or slow now, the accelerometers cannot tell.
+    """
+    after = np.flatnonzero(track.time > rest[1])
+    if not after.size or track.time[after[0]] > min(stream.end, rest[1] + _LONG_AGO):
+        return False
+    j = int(after[0])
+    speed = float(np.linalg.norm(track.vel_e[j]))
+    *_, elapsed, gained = _carry_from_rest(stream, rest, float(track.time[j]), C_bv)
+    doubt = REST_SPEED + 3.0 * float(track.sigma[j]) + _DOUBT_ACCEL * elapsed
+    return abs(gained - speed) < doubt < max(0.5 * speed, 2.0 * REST_SPEED)
 
 
 def _level(force_v: FloatArray, force_h: FloatArray) -> FloatArray:

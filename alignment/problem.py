@@ -18,10 +18,10 @@ size against the residuals: 4 cm²/s² of noise for a drift of 1e6 m/s.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
+import scipy  # scipy.linalg is slow to import: left until it is used
 from numpy.typing import ArrayLike, NDArray
 
 from alignment.constraints import lift
@@ -86,6 +86,12 @@ class AlignmentRows:
             self.e_e[rows], self.vel_w[rows], self.z[rows], self.sigma[rows],
             self.epoch[rows], self.time[rows],
         )  # fmt: skip
+
+    def correlated(self, count: float) -> AlignmentRows:
+        """Return the rows with the σ that makes `count` of them weigh as much as one."""
+        if not 1.0 <= count < np.inf:
+            raise ConfigError(f"alignment rows: expected correlated ≥ 1, found {count!r}")
+        return self if count == 1.0 else replace(self, sigma=self.sigma * np.sqrt(count))
 
 
 def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
@@ -231,6 +237,8 @@ def build_problem(
     rows: AlignmentRows,
     clock: ClockModel | None = None,
     nuisance: ArrayLike | None = None,
+    *,
+    correlated: float = 1.0,
 ) -> AlignmentProblem:
     """Return the cost over rotations with clock and nuisances eliminated.
 
@@ -242,6 +250,10 @@ def build_problem(
     nuisance : array_like, shape (k, m), optional
         Further unknowns that enter the rows linearly, z = … + nuisance @ parameters; a constant
         velocity unknown in e axes has the columns `rows.e_e`.
+    correlated : float
+        How many successive rows of a satellite say what one independent row would: 1 + 2Σρ of
+        their errors (`velocity.doppler_noise.correlated_epochs`). Cost and degrees of freedom are
+        those of so many times fewer rows.
 
     Raises
     ------
@@ -250,6 +262,7 @@ def build_problem(
     """
     clock = clock or ClockModel()
     k = len(rows)
+    rows = rows.correlated(correlated)
     if not k:
         raise AlignmentError("no rows to align with: no Doppler and local velocity at one time")
     extra = np.zeros((k, 0)) if nuisance is None else np.asarray(nuisance, dtype=float)
@@ -269,5 +282,6 @@ def build_problem(
     # z = e·C v_w + columns @ parameters, hence B @ x + columns @ parameters ≈ 0.
     parameters = -np.asarray(np.linalg.lstsq(columns, design, rcond=1e-12)[0], dtype=float)
     return AlignmentProblem(
-        factor.T @ factor, factor, k - rank - 3, float(np.sum(rows.sigma**-2.0)), parameters
-    )
+        factor.T @ factor, factor, int(k / correlated) - rank - 3,
+        float(np.sum(rows.sigma**-2.0)), parameters,
+    )  # fmt: skip

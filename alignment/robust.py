@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from alignment.consensus_proof import ConsensusProof, consensus, prove_consensus
+from alignment.consensus_proof import ConsensusProof, consensus, prove_consensus, row_weights
 from alignment.constraints import lift
 from alignment.fast_solver import fast_minimum
 from alignment.priors import Prior, with_priors
@@ -43,6 +43,9 @@ class RobustOptions:
     ----------
     cutoff : float
         Largest residual of an inlier, in σ.
+    support : float
+        Largest residual of a row that supports a rotation in the proofs, in σ. At the cutoff,
+        rotations far apart would have the same inliers; noise leaves 95 % of them within 2σ.
     reserve : float
         Share of its consensus that a rotation must be ahead of all others: the proof asks for
         (1 − reserve) times the consensus. Among the rows rejected alone, none may have
@@ -57,17 +60,25 @@ class RobustOptions:
     """
 
     cutoff: float = 3.5
+    support: float = 2.0
     reserve: float = 0.2
     radius: float = float(np.radians(25.0))
     minority: float = 0.2
     coherence: float = 0.7
     max_cells: int = 40_000
 
+    def correlated(self, count: float) -> RobustOptions:
+        """Return the options for rows whose σ was multiplied by √count: the same in m/s."""
+        root = float(np.sqrt(count))
+        return replace(self, cutoff=self.cutoff / root, support=self.support / root)
+
     def __post_init__(self) -> None:
-        if not (self.cutoff > 0.0 and 0.0 <= self.reserve < 0.5 and 0.0 < self.radius < np.pi):
+        ordered = self.cutoff >= self.support > 0.0
+        if not (ordered and 0.0 <= self.reserve < 0.5 and 0.0 < self.radius < np.pi):
             raise ConfigError(
-                "robust alignment: expected cutoff > 0, 0 ≤ reserve < ½ and 0 < radius < 180°, "
-                f"found {self.cutoff:g}, {self.reserve:g} and {np.degrees(self.radius):g}°"
+                "robust alignment: expected cutoff ≥ support > 0, 0 ≤ reserve < ½ and "
+                f"0 < radius < 180°, found {self.cutoff:g}, {self.support:g}, {self.reserve:g} and "
+                f"{np.degrees(self.radius):g}°"
             )
 
 
@@ -119,6 +130,7 @@ def align_robust(
     options: RobustOptions | None = None,
     limits: VerdictLimits | None = None,
     vel_sigma: float = 0.0,
+    correlated: float = 1.0,
     backend: str | None = None,
 ) -> RobustAlignment:
     """Align with rows of which an unknown part is wrong.
@@ -134,6 +146,8 @@ def align_robust(
     options : RobustOptions, optional
     limits : VerdictLimits, optional
     vel_sigma : float
+    correlated : float
+        As for `alignment.problem.build_problem`. The cutoff stays that of a single row.
     backend : {'numba', 'numpy'}, optional
 
     Raises
@@ -142,11 +156,14 @@ def align_robust(
         If too few rows agree on anything.
     """
     clock, options, priors = clock or ClockModel(), options or RobustOptions(), tuple(priors)
+    original, rows = rows, rows.correlated(correlated)
+    options = options.correlated(correlated)
     stack = _Stack.of(rows, clock, nuisance, priors)
     found = _best(stack, rows, clock, options, nuisance is not None, backend)
     problem = build_problem(
-        rows.take(found.inliers), clock,
+        original.take(found.inliers), clock,
         None if nuisance is None else np.asarray(nuisance, dtype=float)[found.inliers],
+        correlated=correlated,
     )  # fmt: skip
     if priors:
         problem = with_priors(problem, priors)
@@ -154,10 +171,40 @@ def align_robust(
     proof, opposition = None, None
     if not found.inliers.all():
         if nuisance is None and clock.kind != "linear":
-            proof, opposition = _proofs(rows, clock, result.C_ew, found.inliers, options)
+            proof, opposition = _proofs(rows, clock, result.C_ew, found.inliers, options, priors)
         verdict = _consensus_verdict(found.inliers, proof, opposition, options)
         result = replace(result, extra=(verdict,))
     return RobustAlignment(result, found.inliers, found.cost, found.method, proof, opposition)
+
+
+def robust_residuals(
+    rows: AlignmentRows,
+    clock: ClockModel | None = None,
+    *,
+    correlated: float = 1.0,
+    options: RobustOptions | None = None,
+    priors: Iterable[Prior] = (),
+    backend: str | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return C_ew and what it leaves of every row, rejected ones too [m/s], shape (k,).
+
+    Parameters
+    ----------
+    rows, clock, correlated, options, priors, backend
+        As for `align_robust`.
+
+    Raises
+    ------
+    AlignmentError
+        If too few rows agree on anything.
+    """
+    clock, options = clock or ClockModel(), options or RobustOptions()
+    rows = rows.correlated(correlated)
+    options = options.correlated(correlated)
+    stack = _Stack.of(rows, clock, None, tuple(priors))
+    found = _best(stack, rows, clock, options, False, backend)
+    C_ew, residuals = stack.fit(found.inliers.astype(float), backend)
+    return C_ew, residuals * rows.sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,28 +384,32 @@ def _settle(stack: _Stack, mask: Mask, cutoff: float, backend: str | None) -> Ma
 
 
 def _proofs(
-    rows: AlignmentRows, clock: ClockModel, C_ew: FloatArray, inliers: Mask, options: RobustOptions
-) -> tuple[ConsensusProof, ConsensusProof | None]:
+    rows: AlignmentRows, clock: ClockModel, C_ew: FloatArray, inliers: Mask,
+    options: RobustOptions, priors: tuple[Prior, ...],
+) -> tuple[ConsensusProof, ConsensusProof | None]:  # fmt: skip
     """Return the proof of the consensus and, where it matters, that of no opposition."""
     per_epoch = clock.kind == "per-epoch"
+    weight = row_weights(rows, options.support)
+    if not weight.any():
+        return ConsensusProof(False, 0.0, options.radius, 0, None), None
 
-    def prove(which: AlignmentRows, required: float, radius: float) -> ConsensusProof:
+    def prove(which: Mask, required: float, radius: float) -> ConsensusProof:
         return prove_consensus(
-            which, C_ew, max(int(np.ceil(required)), 1), cutoff=options.cutoff, radius=radius,
+            rows.take(which), C_ew, required, cutoff=options.support, radius=radius,
             per_epoch=per_epoch, slack=_wander(rows, clock), max_cells=options.max_cells,
+            weight=weight[which], priors=priors,
         )  # fmt: skip
 
-    count = consensus(rows, C_ew, options.cutoff, per_epoch=per_epoch)
-    rivalling = (1.0 - options.reserve) * count
-    proof = prove(rows, rivalling, options.radius)
-    rejected = rows.take(~inliers)
-    if not proof.proved or len(rejected) <= options.minority * len(rows):
+    total, rejected = float(weight.sum()), float(weight[~inliers].sum())
+    count = consensus(rows, C_ew, options.support, per_epoch=per_epoch, weight=weight)
+    proof = prove(np.ones_like(inliers), (1.0 - options.reserve) * count, options.radius)
+    if not proof.proved or rejected <= options.minority * total:
         return proof, None
-    opposition = prove(rejected, options.coherence * len(rejected), options.radius)
+    opposition = prove(~inliers, options.coherence * rejected, options.radius)
     party = (1.0 - 2.0 * options.reserve) * count
-    if opposition.proved and len(rejected) >= party:
+    if opposition.proved and rejected >= party:
         # Nearly as many with another clock, whatever the rotation: which side is right?
-        opposition = prove(rejected, party, _ANYWHERE)
+        opposition = prove(~inliers, party, _ANYWHERE)
     return proof, opposition
 
 
@@ -368,18 +419,19 @@ def _consensus_verdict(
 ) -> Verdict:  # fmt: skip
     share = float(np.mean(inliers))
     away = f"more than {np.degrees(options.radius):.0f}° away"
+    near = f"{1.0 - options.reserve:.0%}"
     passed = share > 1.0 - options.minority if proof is None else proof.proved
     if proof is None:
         reason = "" if passed else ": too few where the nuisances admit no proof"
     elif proof.proved:
-        reason = f", proved: no rotation {away} has {proof.required}"
+        reason = f", proved: no rotation {away} has {near} of their weight"
     elif proof.rival is not None:
-        reason = f", but so do {proof.required} with a rotation {away}"
+        reason = f", but {near} of their weight does so with a rotation {away}"
     else:
-        reason = f", not excluded that {proof.required} do with one {away}"
+        reason = f", not excluded that {near} of their weight does with a rotation {away}"
     if opposition is not None and not opposition.proved:
         passed = False
         other = f"a rotation {away}" if opposition.radius > _ANYWHERE else "something else"
-        reason = f", but {opposition.required} of those rejected may agree on {other}"
+        reason = f", but too many of those rejected may agree on {other}"
     kept = f"{int(np.sum(inliers))} of {inliers.size} rows agree"
     return Verdict("consensus", passed, share, 1.0 - options.minority, kept + reason)

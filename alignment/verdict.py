@@ -111,6 +111,8 @@ class AlignmentResult:
     rivals : LocalMinima
         Other minima, with their costs, the lowest first.
     observability : Observability
+    problem : AlignmentProblem
+        What was minimised.
     """
 
     C_ew: FloatArray
@@ -127,6 +129,7 @@ class AlignmentResult:
     minimum: FastMinimum
     rivals: LocalMinima
     observability: Observability
+    problem: AlignmentProblem
     extra: tuple[Verdict, ...] = field(default=())
 
     @property
@@ -201,7 +204,7 @@ def align(
         _optimal(minimum), _unique(minimum, seen),
         _unambiguous(minimum, rivals, inflation * limits.ambiguity),
         _consistent(cost, problem.dof, limits), _bounded(bound, limits.bound, seen),
-        cost, problem.dof, problem.nuisance_at(minimum.C), minimum, rivals, seen,
+        cost, problem.dof, problem.nuisance_at(minimum.C), minimum, rivals, seen, problem,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""`certnav align`: headings of sliding windows as a table, as JSON, and as a picture."""
+"""`certnav align`: headings of sliding windows as a table, as JSON, as a picture, with proofs."""
 
 from __future__ import annotations
 
@@ -9,8 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from alignment.exact import exact_proof
+from alignment.proof import write
+from alignment.verdict import Verdict
 from datasets.load import load
-from nav.alignment_windows import WindowOptions, WindowResult, align_windows, summary
+from filters.errors import AlignmentError, ConfigError
+from nav.alignment_noise import WindowNoise
+from nav.alignment_windows import WindowOptions, WindowResult, align_recording, summary
 from nav.summary import strict
 
 # Okabe–Ito.
@@ -27,18 +32,43 @@ def align(arguments: argparse.Namespace) -> None:
         satellites=arguments.satellites,
         labels=arguments.rows,
         decimate=arguments.decimate,
+        noise=arguments.noise,
+        min_cn0=arguments.min_cn0,
+        level_deg=arguments.level,
+        clock_walk=arguments.clock_walk,
     )
+    if arguments.proof is not None and options.method not in ("certified", "robust"):
+        raise ConfigError(
+            f"--proof: method '{options.method}' proves nothing that could be written"
+        )
     sequence = load(arguments.path)
-    results = align_windows(sequence, options)
+    results, noise = align_recording(sequence, options)
+    if arguments.proof is not None:
+        write_proofs(sequence.name, results, arguments.proof)
     if arguments.plot is not None:
         draw(results, options, sequence.name, arguments.plot)
     if arguments.json:
-        print(json.dumps(strict(as_dict(sequence.name, options, results)), indent=2))
+        print(json.dumps(strict(as_dict(sequence.name, options, results, noise)), indent=2))
     else:
-        print(table(sequence.name, options, results))
+        print(table(sequence.name, options, results, noise))
 
 
-def as_dict(name: str, options: WindowOptions, results: list[WindowResult]) -> dict:
+def write_proofs(name: str, results: list[WindowResult], path: Path) -> None:
+    """Write the exact proofs of the windows that have one, passed or not."""
+    proofs = []
+    for r in results:
+        if r.result is not None:
+            label = f"{name}, {r.start - results[0].start:.1f} s ({r.status})"
+            proof = exact_proof(r.result.problem.Q, r.result.minimum, label)
+            proofs += [] if proof is None else [proof]
+    if not proofs:
+        raise AlignmentError(f"{name}: no window has an optimum that could be proved exactly")
+    write(path, name, proofs)
+
+
+def as_dict(
+    name: str, options: WindowOptions, results: list[WindowResult], noise: WindowNoise
+) -> dict:
     """Return everything the table says, angles in degrees."""
     windows = [
         {
@@ -53,6 +83,15 @@ def as_dict(name: str, options: WindowOptions, results: list[WindowResult]) -> d
             "bound_deg": math.degrees(r.bound),
             "chi2_per_dof": r.chi2_per_dof,
             "message": r.message,
+            "verdicts": {
+                v.name: {
+                    "passed": v.passed,
+                    "value": v.value,
+                    "limit": v.limit,
+                    "message": v.message,
+                }
+                for v in r.verdicts
+            },
         }
         for r in results
     ]
@@ -60,18 +99,34 @@ def as_dict(name: str, options: WindowOptions, results: list[WindowResult]) -> d
         "name": name,
         "method": options.method,
         "window_s": options.window,
+        "noise": {
+            "source": noise.source,
+            "sigma_45_mps": noise.doppler.sigma_45,
+            "floor_mps": noise.doppler.floor,
+            "decade_db": noise.doppler.decade_db,
+            "correlated": noise.correlated,
+            "clock_walk": options.clock_walk if noise.clock_walk is None else noise.clock_walk,
+        },
+        "level_deg": options.level_deg,
+        "min_cn0": options.min_cn0,
         "summary": summary(results),
         "windows": windows,
     }
 
 
-def table(name: str, options: WindowOptions, results: list[WindowResult]) -> str:
+def table(
+    name: str, options: WindowOptions, results: list[WindowResult], noise: WindowNoise
+) -> str:
     """Return the windows as text."""
-    start = results[0].start
+    start, judged = results[0].start, any(r.verdicts for r in results)
     lines = [
         f"{name}: {options.method}, windows of {options.window:g} s every {options.step:g} s, "
         f"clock {options.clock}",
-        "   from  epochs  rows  sats  heading [deg]      σ   bound   error  χ²/dof  verdict",
+        f"{noise}"
+        + (f"; C/N0 ≥ {options.min_cn0:g} dB-Hz" if options.min_cn0 > 0.0 else "")
+        + ("" if options.level_deg is None else f"; level within {options.level_deg:g}° (1σ)"),
+        "   from  epochs  rows  sats  heading [deg]      σ   bound   error  χ²/dof  "
+        + ("OUABCK  verdict" if judged else "verdict"),
     ]
     for r in results:
         lines.append(
@@ -79,7 +134,9 @@ def table(name: str, options: WindowOptions, results: list[WindowResult]) -> str
             f"{_cell(math.degrees(r.heading) % 360.0, 13, 2)} "
             f"{_cell(math.degrees(r.sigma_heading), 6, 2)} {_cell(math.degrees(r.bound), 7, 2)} "
             f"{_cell(math.degrees(r.error), 7, 2)} "
-            f"{_cell(r.chi2_per_dof, 7, 1)}  {r.message or r.status}"
+            f"{_cell(r.chi2_per_dof, 7, 1)}  "
+            + (f"{_marks(r.verdicts):6}  " if judged else "")
+            + (r.message or r.status)
         )
     s = summary(results)
     lines.append(
@@ -87,12 +144,23 @@ def table(name: str, options: WindowOptions, results: list[WindowResult]) -> str
         f"deviation {s['std_deg']:.2f}°, largest {s['max_deg']:.2f}°; passed {s['passed']}"
         + (f", their largest error {s['largest_passed_deg']:.2f}°" if s["passed"] else "")
     )
+    if judged:
+        lines.append(
+            "O optimal, U unique, A unambiguous, B bounded, C consistent, K consensus: + passed, "
+            "- not, · nothing to ask; one - and the window is not believed"
+        )
     if any(r.status == "CERTIFIED" and r.chi2_per_dof > 3.0 for r in results):
         lines.append(
             "certified says that no other rotation fits these rows better, not that the rows are "
             "right: χ²/dof far above 1 means outliers or a clock the model does not follow"
         )
     return "\n".join(lines)
+
+
+def _marks(verdicts: tuple[Verdict, ...]) -> str:
+    passed = {verdict.name: verdict.passed for verdict in verdicts}
+    names = ("optimal", "unique", "unambiguous", "bounded", "consistent", "consensus")
+    return "".join("·" if name not in passed else "-+"[passed[name]] for name in names)
 
 
 def _cell(value: float, width: int, digits: int) -> str:

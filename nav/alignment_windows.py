@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 from alignment.baselines import gauss_newton, voba
 from alignment.certifiable import align_sdp, attitude_covariance
 from alignment.local_velocity import LocalTrack, inertial_track, planar_track
+from alignment.priors import Prior, up_prior, with_priors
 from alignment.problem import AlignmentRows, ClockModel, build_problem
 from alignment.robust import align_robust
-from alignment.verdict import AlignmentResult, align
+from alignment.verdict import AlignmentResult, Verdict, align
 from datasets.sequence import GnssObservations, Sequence
 from filters.earth import C_en_of
 from filters.errors import AlignmentError, ConfigError
 from filters.rotation import FloatArray, wrap_angle
 from filters.strapdown import InertialStream
+from nav.alignment_noise import WindowNoise, fit_window_noise
 from velocity.range_rate import doppler_rows, with_elevation
 
 METHODS = ("certified", "robust", "sdp", "voba", "gauss-newton")
@@ -50,6 +52,14 @@ class WindowOptions:
         'los' drops rows labelled as not in line of sight, where the recording has labels.
     decimate : int
         Keep every so-manieth epoch.
+    noise : {'assumed', 'fitted'}
+        Of the Doppler: `velocity.range_rate.DopplerNoise` as it is, or fitted to the recording
+        with its correlation (`nav.alignment_noise`).
+    min_cn0 : float
+        Weaker signals are left out [dB-Hz]; mostly reflections in a city.
+    level_deg : float, optional
+        1σ per axis of the vehicle's tilt: the up prior of a car on a road (`certified` and
+        `robust`). Default: none.
     elevation_mask_deg : float
     seed : int
         For drawing satellites.
@@ -64,6 +74,9 @@ class WindowOptions:
     satellites: float | None = None
     labels: str = "all"
     decimate: int = 1
+    noise: str = "assumed"
+    min_cn0: float = 0.0
+    level_deg: float | None = None
     elevation_mask_deg: float = 10.0
     seed: int = 0
 
@@ -72,6 +85,10 @@ class WindowOptions:
             raise ConfigError.unknown_key(self.method, METHODS, where="--method")
         if self.labels not in ("all", "los"):
             raise ConfigError(f"--rows: expected 'all' or 'los', found '{self.labels}'")
+        if self.noise not in ("assumed", "fitted"):
+            raise ConfigError(f"--noise: expected 'assumed' or 'fitted', found '{self.noise}'")
+        if self.level_deg is not None and not 0.0 < self.level_deg <= 45.0:
+            raise ConfigError(f"--level: expected 0 < level ≤ 45°, found {self.level_deg:g}")
         if not (self.window > 0.0 and self.step > 0.0 and self.decimate >= 1):
             raise ConfigError("expected window > 0 s, step > 0 s and decimate ≥ 1")
         if self.satellites is not None and not self.satellites >= 1.0:
@@ -100,6 +117,10 @@ class WindowResult:
     message : str
     bound : float
         Certified bound on the attitude [rad]; NaN where there is none.
+    verdicts : tuple of Verdict
+        All of them; none for methods that give none.
+    result : AlignmentResult or None
+        What they are about.
     """
 
     start: float
@@ -113,6 +134,8 @@ class WindowResult:
     chi2_per_dof: float
     message: str = ""
     bound: float = float("nan")
+    verdicts: tuple[Verdict, ...] = ()
+    result: AlignmentResult | None = None
 
     @property
     def passed(self) -> bool:
@@ -121,14 +144,26 @@ class WindowResult:
 
 
 def align_windows(sequence: Sequence, options: WindowOptions) -> list[WindowResult]:
-    """Align every window of `sequence`.
+    """Align every window of `sequence`; see `align_recording`."""
+    return align_recording(sequence, options)[0]
+
+
+def align_recording(
+    sequence: Sequence, options: WindowOptions
+) -> tuple[list[WindowResult], WindowNoise]:
+    """Align every window of `sequence`, and say with what noise.
+
+    Parameters
+    ----------
+    sequence : Sequence
+    options : WindowOptions
 
     Raises
     ------
     AlignmentError
         If the recording has no raw Doppler, no odometer, or no window that both cover.
     """
-    observations, pos_e = _prepared(sequence, options)
+    observations, pos_e = prepared_observations(sequence, options)
     first, last = float(observations.time[0]), float(observations.time[-1])
     if sequence.odometer is None:
         raise AlignmentError(
@@ -146,10 +181,43 @@ def align_windows(sequence: Sequence, options: WindowOptions) -> list[WindowResu
             f"{sequence.name}: Doppler and odometer share {max(last - first, 0.0):.1f} s, less "
             f"than one window of {options.window:g} s"
         )
-    return [
-        align_window(sequence, observations, pos_e, first + k * options.step, options)
-        for k in range(count)
-    ]
+    starts = [first + k * options.step for k in range(count)]
+    noise = _noise(sequence, observations, pos_e, starts, options)
+    return [align_window(sequence, observations, pos_e, s, options, noise) for s in starts], noise
+
+
+def _noise(
+    sequence: Sequence, observations: GnssObservations, pos_e: FloatArray, starts: list[float],
+    options: WindowOptions,
+) -> WindowNoise:  # fmt: skip
+    """Return the noise of the rows, fitted to all windows if so asked."""
+    if options.noise == "assumed":
+        return WindowNoise()
+    windows = []
+    for start in starts:
+        inside = _inside(observations, start, options)
+        part = observations.take(inside)
+        try:
+            track = local_track(sequence, start, start + options.window)
+            rows = alignment_rows(part, pos_e[inside], track, 0.0, WindowNoise())
+        except AlignmentError:
+            continue
+        windows.append((rows, part))
+    return fit_window_noise(windows, _clock(options, WindowNoise()))
+
+
+def _inside(
+    observations: GnssObservations, start: float, options: WindowOptions
+) -> NDArray[np.bool_]:
+    return (observations.time >= start) & (observations.time <= start + options.window)
+
+
+def _clock(options: WindowOptions, noise: WindowNoise) -> ClockModel:
+    if options.clock != "random-walk":
+        return ClockModel(options.clock)
+    return ClockModel(
+        options.clock, options.clock_walk if noise.clock_walk is None else noise.clock_walk
+    )
 
 
 def align_window(
@@ -158,31 +226,33 @@ def align_window(
     pos_e: FloatArray,
     start: float,
     options: WindowOptions,
+    noise: WindowNoise,
 ) -> WindowResult:
     """Align the window that begins at `start`; whatever goes wrong is in the result."""
     end = start + options.window
-    inside = (observations.time >= start) & (observations.time <= end)
+    inside = _inside(observations, start, options)
     part = observations.take(inside)
     nan = float("nan")
     try:
         track = local_track(sequence, start, end)
-        rows = alignment_rows(part, pos_e[inside], track, options.sigma_local_mps)
+        rows = alignment_rows(part, pos_e[inside], track, options.sigma_local_mps, noise)
     except AlignmentError as error:
         return WindowResult(start, 0, len(part), nan, "FAILED", nan, nan, nan, nan, str(error))
     epochs = int(np.unique(rows.epoch).size)
     mean = len(rows) / epochs if epochs else nan
     try:
-        solved = _solve(rows, options)
+        solved = _solve(rows, options, noise, C_en_of(pos_e[inside][0]))
     except AlignmentError as error:
         return WindowResult(
             start, epochs, len(rows), mean, "FAILED", nan, nan, nan, nan, str(error)
         )
     C_nw = C_en_of(pos_e[inside][0]).T @ solved.C_ew
     heading = float(np.arctan2(C_nw[1, 0], C_nw[0, 0]))
-    error_rad = float(wrap_angle(heading - _reference_heading(sequence, start)))
+    error_rad = float(wrap_angle(heading - reference_heading(sequence, start)))
     return WindowResult(
         start, epochs, len(rows), mean, solved.status, heading, solved.sigma_heading, error_rad,
-        solved.chi2_per_dof, bound=solved.bound,
+        solved.chi2_per_dof, "", solved.bound,
+        () if solved.result is None else solved.result.verdicts, solved.result,
     )  # fmt: skip
 
 
@@ -203,10 +273,14 @@ def local_track(sequence: Sequence, start: float, end: float) -> LocalTrack:
 
 
 def alignment_rows(
-    observations: GnssObservations, pos_e: FloatArray, track: LocalTrack, sigma_local: float
+    observations: GnssObservations,
+    pos_e: FloatArray,
+    track: LocalTrack,
+    sigma_local: float,
+    noise: WindowNoise,
 ) -> AlignmentRows:
     """Pair the Doppler of a window with the local velocity at the same instants."""
-    doppler = doppler_rows(observations, pos_e)
+    doppler = doppler_rows(observations, pos_e, noise.doppler)
     time = observations.time[doppler.row]
     _, epoch = np.unique(time, return_inverse=True)
     return AlignmentRows(
@@ -227,19 +301,22 @@ class _Solved(NamedTuple):
     sigma_heading: float = float("nan")
     chi2_per_dof: float = float("nan")
     bound: float = float("nan")
+    result: AlignmentResult | None = None
 
 
-def _solve(rows: AlignmentRows, options: WindowOptions) -> _Solved:
+def _solve(
+    rows: AlignmentRows, options: WindowOptions, noise: WindowNoise, C_en: FloatArray
+) -> _Solved:
     """Align one window; an `AlignmentError` says why there is no rotation."""
     if options.method == "voba":
         return _Solved("BASELINE", voba(rows).C_ew)
-    walk = options.clock_walk if options.clock == "random-walk" else None
-    clock = ClockModel(options.clock, walk)
+    clock, correlated = _clock(options, noise), noise.correlated
     if options.method == "robust":
-        return _judged(align_robust(rows, clock).result)
-    problem = build_problem(rows, clock)
+        priors = _priors(options, C_en)
+        return _judged(align_robust(rows, clock, correlated=correlated, priors=priors).result)
+    problem = build_problem(rows, clock, correlated=correlated)
     if options.method == "certified":
-        return _judged(align(problem))
+        return _judged(align(with_priors(problem, _priors(options, C_en))))
     if options.method == "gauss-newton":
         found = gauss_newton(problem)
         chi2 = problem.cost(found.C_ew) / problem.dof if problem.dof > 0 else float("nan")
@@ -252,15 +329,25 @@ def _solve(rows: AlignmentRows, options: WindowOptions) -> _Solved:
     return _Solved(result.status.name, result.C_ew, sigma, chi2)
 
 
+def _priors(options: WindowOptions, C_en: FloatArray) -> tuple[Prior, ...]:
+    """Return the up prior of a vehicle on a road, if asked for."""
+    if options.level_deg is None:
+        return ()
+    return (up_prior([0.0, 0.0, -1.0], C_en, np.radians(options.level_deg)),)
+
+
 def _judged(result: AlignmentResult) -> _Solved:
     """Return the overall verdict, or the names of the verdicts that did not pass."""
     failed = "not " + ", ".join(v.name for v in result.failed)
     chi2 = result.cost / result.dof if result.dof > 0 else float("nan")
     sigma = float(np.sqrt(result.cov_w[2, 2]))
-    return _Solved("PASSED" if result.passed else failed, result.C_ew, sigma, chi2, result.bound)
+    status = "PASSED" if result.passed else failed
+    return _Solved(status, result.C_ew, sigma, chi2, result.bound, result)
 
 
-def _prepared(sequence: Sequence, options: WindowOptions) -> tuple[GnssObservations, FloatArray]:
+def prepared_observations(
+    sequence: Sequence, options: WindowOptions
+) -> tuple[GnssObservations, FloatArray]:
     """Return the screened and thinned observations with their approximate positions."""
     if sequence.observations is None or not sequence.observations.has_range_rate.any():
         raise AlignmentError(f"{sequence.name}: no raw Doppler with satellite states to align with")
@@ -269,6 +356,7 @@ def _prepared(sequence: Sequence, options: WindowOptions) -> tuple[GnssObservati
     observations = with_elevation(observations, pos_e)
     low = observations.elevation < np.radians(options.elevation_mask_deg)
     observations = observations.mark(low, "below elevation mask")
+    observations = observations.mark(observations.cn0 < options.min_cn0, "weak signal")
     if options.labels == "los":
         observations = observations.mark(observations.label == "nlos", "labelled as reflected")
     keep = observations.has_range_rate & _kept(observations, options)
@@ -303,7 +391,7 @@ def _kept(observations: GnssObservations, options: WindowOptions) -> NDArray[np.
     return keep
 
 
-def _reference_heading(sequence: Sequence, time: float) -> float:
+def reference_heading(sequence: Sequence, time: float) -> float:
     """Return the vehicle's heading by the reference [rad], NaN where it has none."""
     reference = sequence.reference
     if reference is None or not reference.time[0] <= time <= reference.time[-1]:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+from datasets.toml_files import parse_toml, read_toml
 from filters.errors import ConfigError, DataError
 from filters.sensors import PRESETS
 
 T = TypeVar("T")
+
+#: Shortest window of certified alignment in motion [s].
+SHORTEST_WINDOW = 5.0
 
 
 def _choice(key: str, value: str, allowed: Iterable[str]) -> None:
@@ -33,15 +36,25 @@ class AlignmentConfig:
 
     Parameters
     ----------
-    method : {'auto', 'level+course', 'given'}
-        'auto': 'given' when a heading is given, else levelling (at rest if there is one, in
-        motion otherwise) and the course of the GNSS velocity as heading.
+    method : {'auto', 'certified', 'level+course', 'given'}
+        'auto': 'given' when roll, pitch and heading are; levelling and course where the data
+        begin with a standstill or have no raw Doppler; else 'certified' if a window passes
+        within ``2 * max_window_s`` of the first Doppler, and 'level+course' if none does.
+        'certified': from IMU and Doppler alone, in motion, with a bound that is proved
+        (`alignment.in_motion`). 'level+course': levelling, at rest if there is a standstill and
+        in motion otherwise, and the course of the GNSS velocity as heading.
     min_speed_mps : float
         Speed from which the course is taken as heading.
     roll_deg, pitch_deg, heading_deg : float, optional
         The given attitude, at the first epoch with a position and a velocity.
     sigma_level_deg, sigma_heading_deg : float
-        1σ of a given attitude; lower bounds for a found one.
+        1σ of a given attitude; lower bounds for a levelled one.
+    sigma_clock_walk_mps : float
+        Certified: random walk of the receiver's clock drift [m/s/√s].
+    max_window_s : float
+        Certified: longest window.
+    max_sigma_heading_deg : float
+        Certified: 1σ that the heading must have, beyond the verdicts.
     """
 
     method: str = "auto"
@@ -51,12 +64,22 @@ class AlignmentConfig:
     heading_deg: float | None = None
     sigma_level_deg: float = 0.5
     sigma_heading_deg: float = 2.0
+    sigma_clock_walk_mps: float = 0.1
+    max_window_s: float = 60.0
+    max_sigma_heading_deg: float = 1.5
 
     def __post_init__(self) -> None:
-        _choice("alignment.method", self.method, ("auto", "level+course", "given"))
-        _positive("alignment.min_speed_mps", self.min_speed_mps)
-        _positive("alignment.sigma_level_deg", self.sigma_level_deg)
-        _positive("alignment.sigma_heading_deg", self.sigma_heading_deg)
+        _choice("alignment.method", self.method, ("auto", "certified", "level+course", "given"))
+        for name in (
+            "min_speed_mps", "sigma_level_deg", "sigma_heading_deg", "sigma_clock_walk_mps",
+            "max_sigma_heading_deg",
+        ):  # fmt: skip
+            _positive(f"alignment.{name}", getattr(self, name))
+        if not SHORTEST_WINDOW <= self.max_window_s < float("inf"):
+            raise ConfigError(
+                f"alignment.max_window_s: expected at least {SHORTEST_WINDOW:g} s, found "
+                f"{self.max_window_s:g}"
+            )
         angles = (self.roll_deg, self.pitch_deg, self.heading_deg)
         if self.method == "given" and None in angles:
             raise ConfigError(
@@ -138,8 +161,9 @@ class GnssConfig:
     min_cn0_dbhz : float
         Signals weaker than this are not used.
     ionosphere : {'broadcast', 'off'}
+        Correction of single-point positioning, by the model the satellites broadcast.
     troposphere : {'saastamoinen', 'off'}
-        Corrections of single-point positioning.
+        Correction of single-point positioning.
     raim : bool
         Fault detection and exclusion of single-point positioning.
     code_sigma_m : float
@@ -214,10 +238,12 @@ class VehicleConfig:
     zupt, zaru : bool
         No velocity, no rotation while the IMU shows a standstill.
     sigma_zupt_mps : float
+        How well a standstill is one.
     odometer : {'auto', 'on', 'off'}
         Forward speed with a scale factor as a state; 'auto': where there is an odometer and the
         mounting is declared.
     sigma_odometer_mps : float
+        Noise of the odometer's speed.
     interval_s : float
         Time between constraints.
     """
@@ -315,12 +341,9 @@ def load_config(file: str | Path | None, assignments: Iterable[str] = ()) -> Con
     """Return the configuration of a TOML file with ``section.key=value`` assignments on top."""
     tables: dict[str, Any] = {}
     if file is not None:
-        try:
-            tables = tomllib.loads(Path(file).read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise DataError("no such file", file=file, remedy="check --config") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-            raise DataError(f"not readable as TOML: {error}", file=file) from None
+        if not Path(file).exists():
+            raise DataError("no such file", file=file, remedy="check --config")
+        tables, _ = read_toml(Path(file))
     for text in assignments:
         key, equals, value = text.partition("=")
         section, dot, name = key.strip().partition(".")
@@ -336,8 +359,8 @@ def load_config(file: str | Path | None, assignments: Iterable[str] = ()) -> Con
 def _parse_value(text: str) -> Any:
     """Return a TOML value; bare words are strings."""
     try:
-        return tomllib.loads(f"v = {text}")["v"]
-    except tomllib.TOMLDecodeError:
+        return parse_toml(f"v = {text}")["v"]
+    except ValueError:
         return text
 
 

@@ -7,11 +7,14 @@ that the update log tells of it.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.inertial_rows import DopplerEpoch
 from datasets.sequence import GnssFixes, GnssObservations, Sequence
 from filters.earth import SPEED_OF_LIGHT
 from filters.errors import ConfigError
@@ -19,6 +22,9 @@ from filters.rotation import FloatArray
 from nav.config import GnssConfig
 from nav.solution import Epochs
 from velocity.range_rate import DopplerNoise
+
+if TYPE_CHECKING:
+    from datasets.rtklib import SinglePoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +47,8 @@ class GnssEvent:
     observations : GnssObservations, optional
         Of kind 'doppler': the usable rows of an epoch without a least-squares velocity. Lines of
         sight are left to the filter, which knows best where it is: 1 km is 0.2 m/s.
+    epoch : DopplerEpoch, optional
+        Doppler of the epoch for alignment in motion, whatever became of its velocity.
     """
 
     time: float
@@ -50,6 +58,7 @@ class GnssEvent:
     satellites: tuple[str, ...] = ()
     reason: str = ""
     observations: GnssObservations | None = None
+    epoch: DopplerEpoch | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +71,8 @@ class GnssTimeline:
     notes: tuple[str, ...] = ()
 
 
+#: Fewer rows of a satellite than this say nothing about it.
+_MANY = 30
 _NOTHING = np.full(3, np.nan), np.full((3, 3), np.nan)
 
 
@@ -89,7 +100,8 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
     )
     events, where, faulty = [], None, np.zeros(len(observations), dtype=bool)
     if position in ("spp", "rtk"):
-        events, where, faulty = _single_point(observations, sequence, config)
+        events, where, faulty, doubts = _single_point(observations, sequence, config)
+        notes += doubts
         if position == "rtk":
             from nav.relative import with_relative_positions
 
@@ -205,8 +217,8 @@ def _carried(fixes: GnssFixes, kind: str, config: GnssConfig) -> list[GnssEvent]
 
 def _single_point(
     observations: GnssObservations, sequence: Sequence, config: GnssConfig
-) -> tuple[list[GnssEvent], _Whereabouts, NDArray[np.bool_]]:
-    """Return single-point positions as events and as whereabouts, and the rows found faulty."""
+) -> tuple[list[GnssEvent], _Whereabouts, NDArray[np.bool_], tuple[str, ...]]:
+    """Return single-point positions as events and as whereabouts, faulty rows, and notes."""
     from datasets.rtklib import single_point
 
     spp = single_point(
@@ -237,7 +249,29 @@ def _single_point(
         events.append(GnssEvent(at, "position", *_NOTHING, offered[time], reason))
     faulty = np.zeros(len(observations), dtype=bool)
     faulty[list(spp.rejected)] = True
-    return events, where, faulty
+    return events, where, faulty, (*_always_refused(observations, faulty), *_persistent(spp))
+
+
+def _persistent(spp: SinglePoint) -> Iterator[str]:
+    """Name the satellites that are wrong all the time by less than one epoch's test can tell."""
+    for fault in spp.persistent:
+        yield (
+            f"doubtful: {fault.satellite}: its pseudoranges contradict the other satellites by "
+            f"{fault.bias:+.0f} m on the average of {fault.fixes} fixes, which are off by some of "
+            "it: wrong ephemeris? give another navigation file, or one without it"
+        )
+
+
+def _always_refused(observations: GnssObservations, faulty: NDArray[np.bool_]) -> Iterator[str]:
+    """Name the satellites whose pseudoranges the residual test excludes most of the time."""
+    for sat in np.unique(observations.sat[faulty]):
+        rows = (observations.sat == sat) & observations.usable
+        share = float(faulty[rows].mean()) if rows.sum() >= _MANY else 0.0
+        if share > 0.5:
+            yield (
+                f"{sat}: {100 * share:.0f} % of its pseudoranges contradict the other satellites "
+                "and are left out: wrong ephemeris?"
+            )
 
 
 def _category(message: str) -> str:
@@ -285,15 +319,19 @@ def _doppler(
         found = doppler_velocity(here, time)
         velocities.append(found)
         at = where.true_time(time)
+        kept = here.take(~np.isin(here.row, found.rejected)) if found.rejected else here
+        offer = DopplerEpoch(at, where.at(np.array([time]))[0], kept) if len(kept) else None
         if found.ok:
             cov = inflated(found.cov_e, scale, floor)
-            events.append(GnssEvent(at, "velocity", found.vel_e, cov, found.satellites))
+            events.append(
+                GnssEvent(at, "velocity", found.vel_e, cov, found.satellites, epoch=offer)
+            )
             continue
         names = tuple(map(str, here.sat))
         few = len(here) >= 2 and config.below_four != "off"
         kind, reason = ("doppler", "") if few else ("velocity", found.status)
         offered = observations.take(here.row) if few else None
-        events.append(GnssEvent(at, kind, *_NOTHING, names, reason, offered))
+        events.append(GnssEvent(at, kind, *_NOTHING, names, reason, offered, offer))
     return events, mark_rejected(observations, velocities)
 
 

@@ -7,6 +7,9 @@ One class for recorded and for live data: `nav.pipeline` feeds it a whole timeli
 from __future__ import annotations
 
 import dataclasses
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -14,12 +17,17 @@ from datasets.sequence import Calibration
 from filters import measurements
 from filters.ekf import ErrorStateFilter, Outcome
 from filters.errors import DataError
+from nav import blind
 from nav.config import Config
 from nav.doppler_update import apply_ddia, apply_rows
 from nav.gnss import GnssEvent, doppler_noise
 from nav.solution import UPDATE_KINDS, Update
 from nav.vehicle import VehicleConstraints
 from velocity.range_rate import DopplerRows, doppler_rows
+
+
+class Diverged(DataError):
+    """The solution is no longer finite; what was recorded before is worth keeping."""
 
 
 class FilterLoop:
@@ -32,6 +40,9 @@ class FilterLoop:
     calibration : Calibration
     vehicle : VehicleConstraints
     config : Config
+    spells : deque of (float, float)
+        Begin and end of each spell without inertial data, in order (`nav.blind`). Those that
+        are over are taken out; new ones may be added.
     """
 
     def __init__(
@@ -40,8 +51,10 @@ class FilterLoop:
         calibration: Calibration,
         vehicle: VehicleConstraints,
         config: Config,
+        spells: deque[blind.Spell] | None = None,
     ) -> None:
         self.kalman, self.calibration = kalman, calibration
+        self.spells = deque() if spells is None else spells
         self.vehicle, self.config = vehicle, config
         self.begin = kalman.time
         self.updates: list[Update] = []
@@ -52,7 +65,7 @@ class FilterLoop:
         """Offer the vehicle's constraints that are due before `until` [s], each at its time."""
         interval = self.config.vehicle.interval_s
         while (due := self.begin + self._constraints * interval) < until:
-            self.kalman.propagate(due)
+            self._propagate(due)
             for kind, measurement in self.vehicle.offered(self.kalman):
                 outcome = self.kalman.update(measurement, self.config.filter.gate_probability)
                 self.updates.append(_logged(self.kalman.time, kind, (), outcome))
@@ -60,15 +73,33 @@ class FilterLoop:
 
     def advance(self, until: float) -> None:
         """Propagate to `until` [s], with the constraints on the way."""
-        self.constrain(until)
-        self.kalman.propagate(until)
+        with self._watched():
+            self.constrain(until)
+            self._propagate(until)
+
+    def _propagate(self, until: float) -> None:
+        while self.spells and self.spells[0][1] <= self.kalman.time:
+            self.spells.popleft()
+        blind.propagate(self.kalman, until, self.spells)
+
+    @contextmanager
+    def _watched(self) -> Iterator[None]:
+        """Raise `Diverged` if the solution does not survive what is done in the context."""
+        problem = f"the solution diverged after {self.kalman.time:.1f} s"
+        remedy = "check units and axes of the IMU, and the IMU preset"
+        try:
+            yield
+        except (DataError, np.linalg.LinAlgError) as error:
+            raise Diverged(problem, remedy=remedy) from error
+        if not (np.isfinite(self.kalman.pos_e).all() and np.isfinite(self.kalman.P).all()):
+            raise Diverged(problem, remedy=remedy)
 
     def offer(self, event: GnssEvent) -> Update:
         """Advance to an event and offer it; return what became of it, which is logged too.
 
         Raises
         ------
-        DataError
+        Diverged
             If the solution is no longer finite.
         """
         end = self.kalman.stream.end
@@ -83,12 +114,8 @@ class FilterLoop:
             update = Update(event.time, event.kind, event.satellites, reason=why)
         else:
             self.advance(event.time)
-            update = self._apply(event)
-            if not np.isfinite(self.kalman.pos_e).all():
-                raise DataError(
-                    f"the solution diverged at {event.time:.1f} s",
-                    remedy="check units and axes of the IMU, and the IMU preset",
-                )
+            with self._watched():
+                update = self._apply(event)
         self.updates.append(update)
         return update
 

@@ -5,32 +5,34 @@
     navigator.add_gnss(event)                        # nav.gnss.GnssEvent, when it arrives
     state = navigator.state                          # NavState, or None before alignment
 
-Until there is an attitude everything is kept; once there is, what was kept is worked off, and
-from then on the filter follows `latency` behind the IMU, so that a fix that takes its time still
-finds it at its epoch; `state` is carried on to the latest sample. An event that arrives later
-than that is logged as late and not used.
+Events are worked off `latency` behind the IMU, so that a fix that takes its time still finds the
+filter at its epoch; `state` is carried on to the latest sample. Until there is an attitude they
+are kept, too, and looked at one by one (`nav.start.StartFinder`); levelling in motion finds one in
+the past, and then they are worked off from there. An event that arrives later than `latency` is
+logged as late and not used.
 """
 
 from __future__ import annotations
 
 import heapq
+from collections import deque
 from itertools import count
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from alignment.initial import LEVEL_WINDOW
 from datasets.sequence import Calibration, Odometer
 from filters.error_model import ErrorModel
 from filters.errors import AlignmentError, DataError
 from filters.rotation import FloatArray
 from filters.sensors import imu_preset
 from filters.strapdown import InertialStream, NavState, integrate
+from nav.blind import Spell, is_gap
 from nav.config import Config
 from nav.gnss import GnssEvent
 from nav.loop import FilterLoop
 from nav.solution import Update
-from nav.start import find_start, start_filter
+from nav.start import Start, StartFinder, start_filter
 from nav.vehicle import VehicleConstraints
 
 
@@ -114,7 +116,6 @@ class Navigator:
         odometer: Odometer | None = None,
     ) -> None:
         self.calibration, self.config, self.latency = calibration, config, latency
-        self.waiting = "no data yet"
         self._stream = LiveStream(imu_interval)
         spec = imu_preset(config.filter.imu) if config.filter.imu else calibration.imu
         self._vehicle = VehicleConstraints(calibration, config.vehicle, odometer)
@@ -122,10 +123,22 @@ class Navigator:
             spec, config.filter.states, config.filter.bias_model,
             self._vehicle.odometer is not None,
         )  # fmt: skip
+        self._finder = StartFinder(self._stream, calibration, config.alignment, self._model)
         self._kept: list[GnssEvent] = []
         self._queue: list[tuple[float, str, int, GnssEvent]] = []
         self._order = count()
+        self._spells: deque[Spell] = deque()
         self._loop: FilterLoop | None = None
+
+    @property
+    def waiting(self) -> str:
+        """What is missing for an attitude; '' once there is one."""
+        return self._finder.waiting if self._loop is None else ""
+
+    @property
+    def attempts(self) -> tuple[tuple[float, str], ...]:
+        """GPS time of each certified attempt so far [s], and what it was waiting for."""
+        return tuple(self._finder.attempts)
 
     @property
     def state(self) -> NavState | None:
@@ -147,9 +160,15 @@ class Navigator:
 
     def finish(self) -> None:
         """No more data will come: work off what is left, up to the last IMU sample."""
-        if self._loop is not None:
-            self._work_off(self._stream.end)
-            self._loop.advance(self._stream.end)
+        self._work_off(self._stream.end)
+        if self._loop is None:
+            try:
+                self._start(self._finder.close())
+            except AlignmentError as error:
+                self._finder.waiting = str(error)
+                return
+        assert self._loop is not None
+        self._loop.advance(self._stream.end)
 
     @property
     def updates(self) -> tuple[Update, ...]:
@@ -169,47 +188,39 @@ class Navigator:
         DataError
             If time does not increase or a value is not finite.
         """
+        before = self._stream.end if len(self._stream) else time
         self._stream.append(time, gyro_b, accel_b)
-        if self._loop is not None:
-            self._work_off(time - self.latency)
+        if is_gap(time - before, self._stream.interval):
+            self._spells.append((before, time))
+        self._work_off(time - self.latency)
 
     def add_gnss(self, event: GnssEvent) -> None:
         """Take a position, a velocity or Doppler rows."""
-        if self._loop is None:
-            self._kept.append(event)
-            self._try_to_start(event)
-        else:
-            heapq.heappush(self._queue, (event.time, event.kind, next(self._order), event))
-
-    def _try_to_start(self, event: GnssEvent) -> None:
-        """Align once the window around the first motion is complete, and catch up."""
-        if event.kind != "velocity" or event.reason or len(self._stream) < 2:
-            return
-        events = tuple(sorted(self._kept, key=lambda e: (e.time, e.kind)))
-        try:
-            start = find_start(
-                events, self._stream, self.calibration, self.config.alignment, self._model
-            )
-        except AlignmentError as error:
-            self.waiting = str(error)
-            return
-        ready = start.attitude.time + 0.5 * LEVEL_WINDOW + 2.0
-        if start.attitude.method != "given" and event.time < ready:
-            self.waiting = f"levelling: complete at {ready:.1f} s"
-            return
-        kalman = start_filter(
-            start, self._stream, self.calibration, self._model, self.config.filter
-        )
-        self._loop = FilterLoop(kalman, self.calibration, self._vehicle, self.config)
-        self.waiting = ""
-        for kept in events:
-            heapq.heappush(self._queue, (kept.time, kept.kind, next(self._order), kept))
-        self._kept.clear()
-        self._work_off(self._stream.end - self.latency)
+        heapq.heappush(self._queue, (event.time, event.kind, next(self._order), event))
+        if len(self._stream):
+            self._work_off(self._stream.end - self.latency)
 
     def _work_off(self, until: float) -> None:
         """Apply what is due by `until` [s]; the steps are those of a batch run."""
-        assert self._loop is not None
         while self._queue and self._queue[0][0] <= until:
-            self._loop.offer(heapq.heappop(self._queue)[3])
-        self._loop.constrain(until)
+            event = heapq.heappop(self._queue)[3]
+            if self._loop is not None:
+                self._loop.offer(event)
+                continue
+            self._kept.append(event)
+            start = self._finder.offer(event)
+            if start is not None:
+                self._start(start)
+        if self._loop is not None:
+            self._loop.constrain(until)
+
+    def _start(self, start: Start) -> None:
+        """Begin to filter, with what was kept until now."""
+        kalman = start_filter(
+            start, self._stream, self.calibration, self._model, self.config.filter
+        )
+        self._loop = FilterLoop(kalman, self.calibration, self._vehicle, self.config, self._spells)
+        # One that came late was looked at late; the filter gets it in its place.
+        for kept in sorted(self._kept, key=lambda event: (event.time, event.kind)):
+            self._loop.offer(kept)
+        self._kept.clear()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import time as clock
+import time
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -15,18 +16,22 @@ from filters.rotation import FloatArray
 from filters.sensors import imu_preset
 from filters.smoother import smooth
 from filters.strapdown import InertialStream
+from nav._frames import ned_covariances
+from nav.blind import Spell, blind_spells
 from nav.config import Config
+from nav.doubts import doubts
+from nav.findings import clock
 from nav.gnss import gnss_timeline
-from nav.loop import FilterLoop
-from nav.solution import AlignmentReport, Solution, Trajectory
+from nav.loop import Diverged, FilterLoop
+from nav.solution import Solution, Trajectory
 from nav.start import find_start, start_filter
+from nav.sweep import in_order
 from nav.vehicle import VehicleConstraints
 
 Progress = Callable[[float, str], None]
 
 #: A few megabytes at a time stay in the processor's cache.
 _ROWS_AT_ONCE = 8192
-_FROM_UPPER = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
 def navigate(sequence: Sequence, config: Config, progress: Progress | None = None) -> Solution:
@@ -49,14 +54,15 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     AlignmentError
         If no initial attitude was found.
     DataError
-        If the sequence has no IMU data.
+        If the sequence has no IMU data, or the solution diverged at once. Diverging later, it
+        is cut there, and the notes say so.
     """
     report: Progress = progress or (lambda fraction, what: None)
     imu = sequence.inertial
-    began = clock.perf_counter()
+    began = time.perf_counter()
     report(0.0, "GNSS")
     timeline = gnss_timeline(sequence, config.gnss)
-    spent_gnss = clock.perf_counter() - began
+    spent_gnss = time.perf_counter() - began
     stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
     spec = imu_preset(config.filter.imu) if config.filter.imu else sequence.calibration.imu
     vehicle = VehicleConstraints(sequence.calibration, config.vehicle, sequence.odometer)
@@ -64,35 +70,46 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         spec, config.filter.states, config.filter.bias_model, vehicle.odometer is not None
     )
     report(0.0, "alignment")
+    began = time.perf_counter()
     start = find_start(timeline.events, stream, sequence.calibration, config.alignment, model)
-    began = clock.perf_counter()
+    spent_alignment = time.perf_counter() - began
+    began = time.perf_counter()
     kalman = start_filter(start, stream, sequence.calibration, model, config.filter)
-    loop = FilterLoop(kalman, sequence.calibration, vehicle, config)
+    spells = blind_spells(imu, timeline.events)
+    loop = FilterLoop(kalman, sequence.calibration, vehicle, config, deque(spells))
     begin, end = kalman.time, stream.end
-    for number, event in enumerate(timeline.events):
-        if number % 50 == 0:
-            report(min(max((event.time - begin) / (end - begin), 0.0), 1.0), "filter")
-        loop.offer(event)
-    loop.advance(end)
-    report(1.0, "filter")
-    rows = kalman.rows
-    if kalman.tape is not None:
-        report(1.0, "smoother")
-        rows = smooth(kalman.tape, kalman.P)
-    spent_filter = clock.perf_counter() - began
-    attitude = start.attitude
+    notes = [*sequence.notes, *timeline.notes, *_imu_gaps(sequence), *_blind(spells)]
+    try:
+        for number, event in enumerate(timeline.events):
+            if number % 50 == 0:
+                report(min(max((event.time - begin) / (end - begin), 0.0), 1.0), "filter")
+            loop.offer(event)
+        loop.advance(end)
+    except Diverged as error:
+        rows = _kept(kalman.rows)
+        if len(rows) < 2:
+            raise
+        notes.append(
+            f"doubtful: {error}; this solution ends at {clock(rows[-1, _kernels.ROW_TIME])}, "
+            f"{end - rows[-1, _kernels.ROW_TIME]:.1f} s before the data, and is not smoothed"
+        )
+    else:
+        report(1.0, "filter")
+        rows = kalman.rows
+        if kalman.tape is not None:
+            report(1.0, "smoother")
+            rows = smooth(kalman.tape, kalman.P)
+    notes += doubts(loop.updates, config.filter.gate_probability)
+    spent_filter = time.perf_counter() - began
     return Solution(
         name=sequence.name,
         trajectory=trajectory_from_rows(rows),
         updates=tuple(loop.updates),
-        alignment=AlignmentReport(
-            "given" if attitude.method == "given" else "aligned", attitude.method, attitude.time,
-            attitude.time - float(imu.time[0]), attitude.sigma_heading, attitude.message,
-        ),
+        alignment=start.report(float(imu.time[0])),
         epochs=timeline.epochs,
-        notes=(*sequence.notes, *timeline.notes, *_imu_gaps(sequence)),
-        timing={"gnss_s": spent_gnss, "filter_s": spent_filter},
-    )  # fmt: skip
+        notes=tuple(notes),
+        timing={"gnss_s": spent_gnss, "alignment_s": spent_alignment, "filter_s": spent_filter},
+    )
 
 
 def trajectory_from_rows(rows: FloatArray) -> Trajectory:
@@ -102,14 +119,14 @@ def trajectory_from_rows(rows: FloatArray) -> Trajectory:
     std_bias = rows[:, _kernels.ROW_STD_BIAS : _kernels.ROW_STD_BIAS + 6]
     C_eb = rows[:, _kernels.ROW_C : _kernels.ROW_C + 9].reshape(-1, 3, 3)
     blocks = np.empty((3, len(rows), 3, 3))
-    for start in range(0, len(rows), _ROWS_AT_ONCE):
+
+    def turn(start: int) -> None:
         piece = slice(start, start + _ROWS_AT_ONCE)
         C_ne = np.swapaxes(C_en_of(pos_e[piece]), 1, 2)
-        # Position and velocity errors are in e, the attitude error in b.
-        for block, C in enumerate((C_ne, C_ne, C_ne @ C_eb[piece])):
-            upper = rows[piece, _kernels.ROW_COV + 6 * block : _kernels.ROW_COV + 6 * block + 6]
-            cov = upper[:, _FROM_UPPER]
-            blocks[block, piece] = C @ cov @ np.swapaxes(C, 1, 2)
+        upper = np.ascontiguousarray(rows[piece, _kernels.ROW_COV : _kernels.ROW_COV + 18])
+        ned_covariances(upper, C_ne, C_eb[piece], blocks, start)
+
+    list(in_order(turn, range(0, len(rows), _ROWS_AT_ONCE)))
     return Trajectory(
         time=rows[:, _kernels.ROW_TIME],
         pos_e=pos_e,
@@ -125,15 +142,32 @@ def trajectory_from_rows(rows: FloatArray) -> Trajectory:
     )
 
 
+def _kept(rows: FloatArray) -> FloatArray:
+    """Return the rows before the first that is not finite, or whose covariance is none."""
+    bad = ~np.isfinite(rows).all(axis=1) | (np.abs(rows[:, _kernels.ROW_VEL]) > 1e4)
+    return rows[: int(np.argmax(bad))] if bad.any() else rows
+
+
 def _imu_gaps(sequence: Sequence) -> tuple[str, ...]:
     """Name gaps in the IMU data: the mechanisation bridges them with the sample that follows."""
-    time = sequence.inertial.time
-    step = np.diff(time)
+    stamps = sequence.inertial.time
+    step = np.diff(stamps)
     gaps = np.flatnonzero(step > 1.5 * sequence.inertial.interval)
     if not gaps.size:
         return ()
     worst = int(gaps[np.argmax(step[gaps])])
     return (
-        f"IMU: {gaps.size} gaps, the longest {step[worst]:.3f} s at {time[worst]:.3f} s; each is "
-        "bridged with the mean rate of the sample after it",
+        f"IMU: {gaps.size} gaps, the longest {step[worst]:.3f} s from {clock(stamps[worst])}; "
+        "each is bridged with the mean rate of the sample after it",
+    )
+
+
+def _blind(spells: list[Spell]) -> tuple[str, ...]:
+    """Name the spells over which the covariance is widened."""
+    if not spells:
+        return ()
+    begin, end = max(spells, key=lambda spell: spell[1] - spell[0])
+    return (
+        f"IMU: no data, or frozen, in {len(spells)} spells, the longest {end - begin:.2f} s "
+        f"from {clock(begin)}; the covariance is widened by what a car may do meanwhile",
     )

@@ -215,6 +215,29 @@ def _update_section(result: Result) -> str:
     return f"<h2>Updates</h2>\n{table}\n<ul>{gates}</ul>\n{image}"
 
 
+def _alignment_details(result: Result) -> str:
+    """Return what was proved of a certified start, and what was missing until then."""
+    alignment, parts = result.solution.alignment, []
+    if alignment.bound is not None:
+        proved = "".join(
+            f"<li>{escape(name)}: {escape(text)}</li>" for name, text in alignment.verdicts
+        )
+        parts.append(
+            f"<p>Attitude proved within {quantity(np.rad2deg(alignment.bound), '°')} at the end of "
+            f"the window (3σ).</p><ul>{proved}</ul>\n"
+        )
+    if alignment.attempts:
+        begin = alignment.time - alignment.waited
+        lines = "\n".join(
+            f"{time - begin:7.1f} s  {message}" for time, message in alignment.attempts
+        )
+        parts.append(
+            f"<details><summary>{len(alignment.attempts)} attempts to align in motion, by time "
+            f"since the start of the data</summary><pre>{escape(lines)}</pre></details>\n"
+        )
+    return "".join(parts)
+
+
 def _run_section(result: Result) -> str:
     alignment, sensors = result.summary["alignment"], result.summary["sensors"]
     sigma = quantity(alignment["sigma_heading_deg"], "°")
@@ -231,6 +254,7 @@ def _run_section(result: Result) -> str:
         f"<h3>Alignment</h3><p>{escape(str(alignment['status']).capitalize())} by "
         f"{escape(alignment['method'])}, {quantity(alignment['time_s'], 's')} after the start of "
         f"the data; heading 1σ {sigma}.{escape(message)}</p>\n"
+        f"{_alignment_details(result)}"
         f"<h3>Antenna</h3><p>Lever arm ({lever}) m forward, right, down of the IMU, from "
         f"{escape(sensors['lever_antenna_source'])}.</p>\n"
         + (f"<h3>Notes</h3><ul>{notes}</ul>\n" if notes else "")

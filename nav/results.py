@@ -1,26 +1,28 @@
 """The result directory of a run: what is in it, written in one move and read back whole.
 
 =====================  ========================================================================
-solution.csv           the IMU's trajectory, one row per output epoch (`nav.tables`)
+solution.csv           the IMU's trajectory, one row per output epoch (`nav.tables`), unless
+                       only other formats were asked for
 updates.csv            every measurement offered to the filter and what became of it:
                        time_gps_s, kind, satellites (space separated), whitened innovation
                        w1, w2, w3 …, nis, dof, accepted (1 or 0), reason
 epochs.csv             GNSS epochs: time_gps_s, satellites tracked, satellites usable
+alignment.csv          attempts to align in motion: time_gps_s, message (what was missing); only
+                       when there were any
 reference_errors.csv   solution − reference at each compared reference epoch, with the filter's
                        3σ; only when there is a reference
 config.toml            the configuration in force
 summary.json           figures of the run; strict JSON, what is not known is null
 report.html            all of it for people, unless it was left out
 solution.pos …         exports that were asked for (`nav.formats`)
+SHA256SUMS             checksums of all these: ``sha256sum --check SHA256SUMS`` (`nav.placing`)
 =====================  ========================================================================
 """
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,18 +34,24 @@ from datasets.sequence import Sequence
 from filters.errors import DataError
 from nav.evaluation import Evaluation, without_reference
 from nav.formats import check_formats, write_formats
+from nav.placing import SEAL, clean, current, new_draft, place
 from nav.solution import AlignmentReport, Solution
 from nav.summary import strict, summarise
 from nav.tables import (
+    read_attempts,
     read_epochs,
     read_errors,
     read_solution,
     read_updates,
+    write_attempts,
     write_epochs,
     write_errors,
     write_solution,
     write_updates,
 )
+
+#: How often a result that is replaced while it is read is read anew.
+_TRIES = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +91,7 @@ def write_result(
     formats: Iterable[str] = (),
     *,
     report: bool = True,
+    table: bool = True,
 ) -> Path:
     """Write the result directory `out` completely or not at all.
 
@@ -102,6 +111,8 @@ def write_result(
         Exports to add, keys of `nav.formats.FORMATS`.
     report : bool
         Whether to draw report.html; it takes longer than all else.
+    table : bool
+        Whether to write solution.csv; without it the directory cannot be read back.
 
     Returns
     -------
@@ -116,13 +127,16 @@ def write_result(
         If a format is unknown.
     """
     out, formats = Path(out).resolve(), check_formats(formats)
+    clean(out)
     check_replaceable(out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".new", dir=out.parent))
+    draft = new_draft(out)
     try:
-        write_solution(draft / "solution.csv", solution.trajectory)
+        if table:
+            write_solution(draft / "solution.csv", solution.trajectory)
         write_updates(draft / "updates.csv", solution.updates)
         write_epochs(draft / "epochs.csv", solution.epochs)
+        if solution.alignment.attempts:
+            write_attempts(draft / "alignment.csv", solution.alignment.attempts)
         if evaluation.has_reference:
             write_errors(draft / "reference_errors.csv", evaluation)
         (draft / "config.toml").write_text(config_text, encoding="utf-8")
@@ -134,10 +148,7 @@ def write_result(
             from nav.report import write_report  # matplotlib is slow to import
 
             write_report(draft)
-        umask = os.umask(0)
-        os.umask(umask)
-        draft.chmod(0o777 & ~umask)  # mkdtemp makes it private
-        _move_into_place(draft, out)
+        place(draft, out)
     except BaseException:
         shutil.rmtree(draft, ignore_errors=True)
         raise
@@ -164,29 +175,36 @@ def is_result(path: Path) -> bool:
     return isinstance(summary, dict) and "certnav_version" in summary
 
 
-def _move_into_place(draft: Path, out: Path) -> None:
-    if not out.exists():
-        draft.rename(out)
-        return
-    aside = draft.with_suffix(".old")
-    out.rename(aside)
-    try:
-        draft.rename(out)
-    except BaseException:
-        aside.rename(out)
-        raise
-    shutil.rmtree(aside)
-
-
 def read_result(path: str | Path) -> Result:
-    """Read a result directory back.
+    """Read a result directory back, whole: if a run replaces it meanwhile, the new one.
 
     Raises
     ------
     DataError
         If it is not one, or if a file of it is missing or damaged.
     """
-    path = Path(path)
+    for _ in range(_TRIES):
+        there = current(Path(path))
+        before = _seal(there)
+        try:
+            result = _read(there)
+        except DataError:
+            if _seal(current(Path(path))) == before:
+                raise
+            continue
+        if _seal(there) == before:
+            return result
+    raise DataError("is being replaced all the time", file=path, remedy="read a copy of it")
+
+
+def _seal(path: Path) -> bytes | None:
+    try:
+        return (path / SEAL).read_bytes()
+    except OSError:
+        return None
+
+
+def _read(path: Path) -> Result:
     if not is_result(path):
         raise DataError(
             "not a certnav result directory (no summary.json of certnav's)",
@@ -207,6 +225,9 @@ def read_result(path: str | Path) -> Result:
                 _number(alignment["time_s"]),
                 np.deg2rad(_number(alignment["sigma_heading_deg"])),
                 alignment["message"],
+                None if alignment["bound_deg"] is None else np.deg2rad(alignment["bound_deg"]),
+                tuple(alignment["verdicts"].items()),
+                read_attempts(path / "alignment.csv"),
             ),
             epochs=read_epochs(path / "epochs.csv"),
             notes=tuple(summary["notes"]),

@@ -106,6 +106,12 @@ class AlignmentReport:
         1σ of the initial heading [rad].
     message : str
         One line for people.
+    bound : float, optional
+        Certified: largest attitude error within the 3σ region, proved [rad].
+    verdicts : tuple of (str, str)
+        Certified: name of each verdict that was passed, and what it says.
+    attempts : tuple of (float, str)
+        GPS time of each certified attempt [s], and what it was waiting for or found.
     """
 
     status: str
@@ -114,6 +120,9 @@ class AlignmentReport:
     waited: float
     sigma_heading: float
     message: str = ""
+    bound: float | None = None
+    verdicts: tuple[tuple[str, str], ...] = ()
+    attempts: tuple[tuple[float, str], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

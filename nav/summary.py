@@ -41,6 +41,8 @@ def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) ->
             "gps_time_s": alignment.time,
             "sigma_heading_deg": np.rad2deg(alignment.sigma_heading),
             "message": alignment.message,
+            "bound_deg": None if alignment.bound is None else np.rad2deg(alignment.bound),
+            "verdicts": dict(alignment.verdicts),
         },
         "errors": evaluation.metrics,
         "reference": {

@@ -119,6 +119,48 @@ def fit_doppler_noise(
     )  # fmt: skip
 
 
+def correlated_epochs(
+    time: ArrayLike, sat: ArrayLike, residual: ArrayLike, *, longest: float = 5.0
+) -> float:
+    """Return how many successive errors of a satellite say what one independent error would.
+
+    1 + 2Σρₖ, the factor by which the variance of a mean exceeds that of independent errors; ρₖ is
+    the autocorrelation over k epochs, all satellites together, up to the lag `longest`: a small
+    one that lasts weighs as much as a large one that does not. Reflections last for seconds, and
+    ten errors of one reflection are not ten witnesses.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,)
+        At a constant interval, with gaps [s].
+    sat : array_like of str, shape (n,)
+    residual : array_like, shape (n,)
+        Divided by its σ; NaN where there is none.
+    longest : float
+        Lag at which the sum ends [s].
+    """
+    time, sat = np.asarray(time, dtype=float), np.asarray(sat)
+    residual = np.asarray(residual, dtype=float)
+    steps = np.diff(np.unique(time))
+    if not steps.size:
+        return 1.0
+    interval = float(np.median(steps))
+    index = np.rint((time - time.min()) / interval).astype(np.int64)
+    names, row = np.unique(sat, return_inverse=True)
+    grid = np.full((names.size, int(index.max()) + 1), np.nan)
+    grid[row, index] = residual
+    total = 1.0
+    for k in range(1, min(int(longest / interval), grid.shape[1] - 1) + 1):
+        before, after = grid[:, :-k], grid[:, k:]
+        both = np.isfinite(before) & np.isfinite(after)
+        a, b = before[both], after[both]
+        if a.size < 30:
+            break
+        rho = float(a @ b / max(np.sqrt((a @ a) * (b @ b)), 1e-300))
+        total += 2.0 * rho
+    return max(total, 1.0)
+
+
 def reference_residuals(samples: Samples) -> FloatArray:
     """Return range-rate residuals against the reference, receiver drift removed [m/s].
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from alignment.consensus_proof import consensus, prove_consensus
+from alignment.consensus_proof import consensus, prove_consensus, row_weights
+from alignment.priors import up_prior
 from alignment.problem import AlignmentRows
 from alignment.refinement import rotation_angle
 from alignment.simulation import simulate_window
@@ -113,3 +114,50 @@ def test_refuses_senseless_questions():
         prove_consensus(w.rows, w.C_ew, 0)
     with pytest.raises(ConfigError, match="radius"):
         prove_consensus(w.rows, w.C_ew, 5, radius=4.0)
+
+
+def test_a_row_weighs_as_much_as_it_excludes():
+    """The share of random directions in which a row is an outlier, by drawing directions."""
+    w = window(12, sigma=0.5)
+    rows = replace(w.rows, sigma=np.linspace(0.1, 4.0, len(w.rows)))
+    R = Rotation.random(4000, rng=np.random.default_rng(1)).as_matrix()
+    off = np.einsum("ki,nij,kj->nk", rows.e_e, R, rows.vel_w)
+    outlier = np.mean(np.abs(off) > 2.0 * rows.sigma, axis=0)
+    np.testing.assert_allclose(row_weights(rows, 2.0), outlier, atol=0.04)
+    assert row_weights(rows, 2.0)[-1] == pytest.approx(max(0.0, 1.0 - 8.0 / 10.0), abs=1e-6)
+
+
+def test_equal_weights_are_a_count():
+    w = window(13)
+    rows = with_outliers(w.rows, 0.3, 13)
+    weight = np.full(len(rows), 0.3)
+    for C in (w.C_ew, *Rotation.random(5, rng=np.random.default_rng(3)).as_matrix()):
+        count = consensus(rows, C, 3.5, per_epoch=False)
+        weighted = consensus(rows, C, 3.5, per_epoch=False, weight=weight)
+        assert weighted == pytest.approx(0.3 * count)
+    count = consensus(rows, w.C_ew, 3.5, per_epoch=False)
+    plain = prove_consensus(rows, w.C_ew, count)
+    same = prove_consensus(rows, w.C_ew, 0.3 * count, weight=weight)
+    assert plain.proved and same.proved and plain.cells == same.cells
+
+
+def test_a_vertical_excludes_the_mirror_and_only_what_it_contradicts():
+    """Level motion under two satellites: mirrored about the plane of the lines of sight."""
+    w = window(8, satellites=2, motion="2d")
+    required = 0.9 * len(w.rows)
+    free = prove_consensus(w.rows, w.C_ew, required, radius=np.radians(15.0))
+    assert not free.proved and free.rival is not None
+    up_e = w.up_e
+    east = np.cross([0.0, 0.0, 1.0], up_e) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], up_e))
+    C_en = np.column_stack([np.cross(up_e, east), east, -up_e])
+    level = up_prior(w.C_ew.T @ up_e, C_en, np.radians(2.0))
+    held = prove_consensus(
+        w.rows, w.C_ew, required, radius=np.radians(15.0), priors=[level], max_cells=200_000
+    )
+    assert held.proved or rotation_angle(held.rival @ w.C_ew.T @ up_e, up_e) < 0.2
+    # One that says nothing excludes nothing.
+    loose = prove_consensus(
+        w.rows, w.C_ew, required, radius=np.radians(15.0),
+        priors=[up_prior(w.C_ew.T @ up_e, C_en, 10.0)],
+    )  # fmt: skip
+    assert not loose.proved

@@ -102,6 +102,67 @@ def test_noisy_window_is_within_its_bound_and_its_covariance(noisy):
     assert "certified in motion over 40 s" in attitude.message
 
 
+def test_covariance_by_nees_over_a_hundred_windows(exact):
+    """Fresh noise of every kind, 500 deg/h and 10 mg, over one drive: NEES of χ², 3 and 6 dof."""
+    simulation, stream, observations, pos_e = exact
+    # Six satellites every other second are enough, and quicker.
+    keep = observations.usable & (np.round(observations.time) % 2 == 0)
+    keep &= np.isin(observations.sat, np.unique(observations.sat[keep])[:6])
+    observations, pos_e = observations.take(keep), pos_e[keep]
+    spec = dataclasses.replace(
+        imu_preset("adis16470"), gyro_scale_ppm=0.0, accel_scale_ppm=0.0,
+        gyro_bias_turn_on_degph=500.0,
+    )  # fmt: skip
+    options = InertialOptions(imu=spec, noise=NOISE, clock=CLOCK, robust=False)
+    sigma = NOISE.sigma(observations.cn0)
+    epochs, epoch = np.unique(observations.time, return_inverse=True)
+    white = spec.gyro_noise_density * np.sqrt(100.0)
+    lever, rng = simulation.calibration.lever_antenna_b, np.random.default_rng(11)
+    end = simulation.trajectory.kinematics(epochs[-1:])
+    attitude, velocity, joint = [], [], []
+    for _ in range(100):
+        gyro_bias = rng.normal(0.0, np.radians(500.0) / 3600.0, 3)
+        accel_bias = rng.normal(0.0, spec.accel_bias_initial_sigma, 3)
+        gyro = stream.gyro + gyro_bias + white * rng.standard_normal(stream.gyro.shape)
+        noisy = InertialStream(stream.edges[1:], gyro, stream.accel + accel_bias)
+        clock = np.cumsum(0.03 * rng.standard_normal(epochs.size))[epoch]
+        rate = observations.range_rate + clock + sigma * rng.standard_normal(sigma.size)
+        found = align_inertial(
+            noisy, observations.with_columns(range_rate=rate), pos_e, lever, options
+        )
+        off = end.C_eb[0] @ found.C_eb.T
+        psi = 0.5 * np.array([off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]])
+        error = np.concatenate([psi, end.vel_e[0] - found.vel_e, gyro_bias - found.gyro_bias])
+        for nees, part in ((attitude, slice(0, 3)), (velocity, slice(3, 6)), (joint, slice(0, 9))):
+            cov = found.cov[part, part]
+            nees.append(error[part] @ np.linalg.solve(cov, error[part]))
+    # 3σ of the mean of a hundred: √(2·dof/100).
+    assert np.mean(attitude) == pytest.approx(3.0, abs=3.0 * np.sqrt(0.06))
+    assert np.mean(velocity) == pytest.approx(3.0, abs=3.0 * np.sqrt(0.06))
+    assert np.mean(joint) == pytest.approx(9.0, abs=3.0 * np.sqrt(0.18))
+
+
+def test_attitude_is_carried_to_the_beginning_of_the_window(exact):
+    """By the gyros, in axes of the Earth as it was then: 40 s are 0.17° of it."""
+    options = InertialOptions(imu=EXACT, noise=NOISE, clock=CLOCK)
+    found, *_ = aligned(exact, options)
+    last = len(found.track) - 1
+    C_eb, cov = found.carried_to(last)
+    np.testing.assert_allclose(C_eb, found.C_eb, atol=1e-12)
+    spread = cov[:3, :3] - found.cov[:3, :3]
+    assert np.abs(spread).max() < 1e-12
+    C_eb, cov = found.carried_to(0)
+    truth = exact[0].trajectory.C_eb(found.track.time[:1])[0]
+    assert rotation_angle(C_eb, truth) < np.radians(0.02)
+    # A ninth of the window's information: 3σ where nothing was known before, and never wider
+    # than that was.
+    _, wide = found.carried_to(0, 1.0 / 9.0)
+    ratio = np.diag(wide)[:3] / np.diag(cov)[:3]
+    assert np.all((ratio > 1.0) & (ratio < 9.0 + 1e-6))
+    before = np.hypot(EXACT.gyro_bias_initial_sigma, EXACT.gyro_bias_sigma)
+    assert np.all(np.sqrt(np.diag(wide)[3:6]) <= before * (1.0 + 1e-9))
+
+
 def test_joint_covariance_agrees_with_the_hessian(noisy):
     """The marginal of the joint least squares is what the eliminated problem's curvature says.
 

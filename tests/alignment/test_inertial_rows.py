@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import dataclasses
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from alignment.inertial_rows import InertialTrack, inertial_doppler, inertial_rows, inertial_track
+from alignment.inertial_rows import (
+    DopplerEpoch,
+    InertialTrack,
+    inertial_doppler,
+    inertial_rows,
+    inertial_track,
+    joined,
+)
 from datasets.simulator import SimulationConfig, simulate
 from filters.earth import gravity_e, lla_to_ecef
 from filters.errors import AlignmentError, DataError
 from filters.rotation import matrix_from_rotvec, skew
 from filters.strapdown import InertialStream
+from velocity.range_rate import doppler_rows
 
 
 def exact_drive(lever):
@@ -26,6 +35,21 @@ def exact_drive(lever):
     stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
     pos_e = simulation.trajectory.pos_e(observations.time, lever)
     return simulation, stream, inertial_doppler(observations, pos_e)
+
+
+def between(doppler, first, last):
+    """The epochs first … last; gravitation in the axes of the first, 3 mrad off in 45 s."""
+    here = (doppler.epoch >= first) & (doppler.epoch <= last)
+    turn = 7.2921151467e-5 * (doppler.time[first] - doppler.time[0])
+    to_first = matrix_from_rotvec([0.0, 0.0, -turn])
+    columns = {
+        name: getattr(doppler, name)[here] for name in ("source", "sat", "e_e", "z", "sigma")
+    }
+    dv = doppler.gravity_dv[first : last + 1] - doppler.gravity_dv[first]
+    return dataclasses.replace(
+        doppler, time=doppler.time[first : last + 1], pos_e=doppler.pos_e[first : last + 1],
+        gravity_dv=dv @ to_first.T, epoch=doppler.epoch[here] - first, **columns,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -49,23 +73,29 @@ def test_identity_holds_wherever_the_anchor_is(drive, first, last, anchor):
     7e-6 m/s of it are the simulator's, whose Doppler is a numerical derivative.
     """
     simulation, stream, doppler = drive
-    track = inertial_track(stream, doppler.time)
-    rows = inertial_rows(doppler, track, first=first, last=last, anchor=anchor)
+    doppler = between(doppler, first, last)
+    anchor = None if anchor is None else anchor - first
+    rows = inertial_rows(doppler, inertial_track(stream, doppler.time), anchor=anchor)
     assert np.abs(residuals(simulation, rows)).max() < 1.2e-5
     # Not vacuous: gravity alone is 300 m/s of what cancels.
     assert np.abs(rows.rows.vel_w).max() > 100.0
 
 
-def test_a_part_of_the_epochs_has_the_same_rows(drive):
-    """However late it begins: the axes gravitation is summed in turn by 3 mrad in 45 s."""
-    _, stream, doppler = drive
-    whole = inertial_rows(doppler, inertial_track(stream, doppler.time), first=45, last=58)
-    part = doppler.part(45, 58)
-    alone = inertial_rows(part, inertial_track(stream, part.time))
-    np.testing.assert_allclose(alone.rows.z, whole.rows.z, atol=1e-8)
-    np.testing.assert_allclose(alone.rows.vel_w, whole.rows.vel_w, atol=1e-8)
-    np.testing.assert_allclose(alone.gravity_dv, whole.gravity_dv, atol=1e-8)
-    np.testing.assert_array_equal(alone.source, whole.source)
+def test_epochs_joined_are_the_rows_of_all(drive):
+    """One by one, as a receiver gives them, and from the recording."""
+    simulation, _, doppler = drive
+    observations = simulation.observations
+    pos_e = simulation.trajectory.pos_e(observations.time)
+    rows = doppler_rows(observations, pos_e)
+    epochs = [
+        DopplerEpoch(
+            time, pos_e[here.start], rows.take((rows.row >= here.start) & (rows.row < here.stop))
+        )
+        for time, here in observations.epochs()
+    ]
+    together = joined(epochs)
+    for name in ("time", "pos_e", "gravity_dv", "epoch", "source", "sat", "e_e", "z", "sigma"):
+        np.testing.assert_array_equal(getattr(together, name), getattr(doppler, name))
 
 
 def test_lever_arm_and_its_rotation():
@@ -75,9 +105,10 @@ def test_lever_arm_and_its_rotation():
     """
     lever = (1.2, -0.7, -1.5)
     simulation, stream, doppler = exact_drive(lever)
+    doppler = between(doppler, 30, doppler.time.size - 1)
     track = inertial_track(stream, doppler.time)
-    with_lever = inertial_rows(doppler, track, lever, first=30)
-    without = inertial_rows(doppler, track, first=30)
+    with_lever = inertial_rows(doppler, track, lever)
+    without = inertial_rows(doppler, track)
     assert np.abs(residuals(simulation, with_lever)).max() < 30.0 * 6e-6 + 1.5e-4
     assert np.abs(residuals(simulation, without)).max() > 0.1
 

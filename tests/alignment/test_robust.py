@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from alignment.priors import up_prior
 from alignment.problem import AlignmentRows, ClockModel, build_problem
 from alignment.refinement import rotation_angle
-from alignment.robust import RobustOptions, _clock_gates, align_robust
+from alignment.robust import RobustOptions, _clock_gates, align_robust, robust_residuals
 from alignment.simulation import simulate_window
 from alignment.verdict import align
 from filters.errors import AlignmentError, ConfigError
@@ -167,5 +167,29 @@ def test_refusals():
     w = window(11)
     with pytest.raises(AlignmentError, match="3 rows"):
         align_robust(w.rows.take(slice(0, 3)))
-    with pytest.raises(ConfigError, match="cutoff > 0"):
+    with pytest.raises(ConfigError, match="support > 0"):
         RobustOptions(cutoff=0.0)
+
+
+def test_correlated_rows_count_as_fewer():
+    """Every row ten times over, declared as such, says what the rows say once."""
+    w = window(6, epochs=12)
+    rows, _ = contaminated(w.rows, 0.2, "random", 6)
+    again = rows.take(np.repeat(np.arange(len(rows)), 10))
+    once, often = align_robust(rows), align_robust(again, correlated=10.0)
+    assert rotation_angle(once.result.C_ew, often.result.C_ew) < 1e-9
+    np.testing.assert_array_equal(np.repeat(once.inliers, 10), often.inliers)
+    np.testing.assert_allclose(often.result.cost, once.result.cost, rtol=1e-9)
+    assert often.result.dof == pytest.approx(once.result.dof, abs=1)
+    assert often.result.bound == pytest.approx(once.result.bound, rel=0.02)
+    believed = align_robust(again)
+    assert believed.result.bound < 0.5 * often.result.bound
+
+
+def test_residuals_are_those_of_all_rows():
+    w = window(7, sigma=0.05)
+    rows, wrong = contaminated(w.rows, 0.3, "random", 7)
+    C_ew, residuals = robust_residuals(rows)
+    assert rotation_angle(C_ew, w.C_ew) < np.radians(1.0)
+    assert np.all(np.abs(residuals[wrong]) > 5.0)
+    assert np.sqrt(np.mean(residuals[~wrong] ** 2)) == pytest.approx(0.05, rel=0.3)

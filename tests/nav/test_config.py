@@ -49,6 +49,10 @@ def test_assignments_win_over_the_file(tmp_path):
         ({"gnss": {"elevation_mask_deg": 95}}, "found 95"),
         ({"alignment": {"method": "given"}}, "needs alignment.roll_deg"),
         ({"alignment": {"min_speed_mps": 0}}, "expected a number > 0"),
+        ({"alignment": {"method": "sure"}}, "auto, certified, level\\+course, given"),
+        ({"alignment": {"sigma_clock_walk_mps": 0}}, "sigma_clock_walk_mps: expected a number > 0"),
+        ({"alignment": {"max_sigma_heading_deg": -1}}, "max_sigma_heading_deg"),
+        ({"alignment": {"max_window_s": 3}}, "max_window_s: expected at least 5 s, found 3"),
     ],
 )
 def test_mistakes_are_named(tables, message):

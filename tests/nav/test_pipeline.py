@@ -195,3 +195,18 @@ def test_fixes_without_velocity_rows_are_logged():
     solution = navigate(dataclasses.replace(sequence, fixes=fixes), config_with())
     missing = [u for u in solution.updates if u.reason == "no velocity in the data"]
     assert [u.time for u in missing] == [fixes.time[50]]
+
+
+def test_what_was_navigated_before_a_divergence_is_kept():
+    sequence = carried_drive()
+    accel_b = sequence.imu.accel_b.copy()
+    accel_b[15000:15010] = 1e200  # finite, as a sequence has to be; its square is not
+    imu = ImuData(sequence.imu.time, sequence.imu.gyro_b, accel_b)
+    with np.errstate(all="ignore"):
+        solution = navigate(dataclasses.replace(sequence, imu=imu), config_with())
+    sound = navigate(sequence, config_with())
+    time = solution.trajectory.time
+    assert sequence.imu.time[14000] < time[-1] < sequence.imu.time[15010]
+    np.testing.assert_array_equal(solution.trajectory.pos_e, sound.trajectory.pos_e[: time.size])
+    (note,) = [n for n in solution.notes if "diverged" in n]
+    assert "this solution ends at SOW" in note and "50.1 s before the data" in note

@@ -24,6 +24,22 @@ def quick(monkeypatch):
     monkeypatch.setattr(nav.report, "write_report", lambda directory: directory)
 
 
+def test_what_a_certified_start_knows_comes_back(drive, tmp_path, quick):
+    solution, sequence = drive()
+    attempts = ((1331510405.0, "not aligned: no heading, needs a turn"), (1331510406.0, "±1.2°"))
+    verdicts = (("optimal", 'proved, "gap" 1e-13'), ("bounded", "attitude within 4°"))
+    alignment = dataclasses.replace(
+        solution.alignment, bound=np.deg2rad(4.0), verdicts=verdicts, attempts=attempts
+    )
+    solution = dataclasses.replace(solution, alignment=alignment)
+    evaluation = evaluate(solution, sequence)
+    out = write_result(tmp_path / "run", solution, evaluation, sequence, CONFIG)
+    back = read_result(out).solution.alignment
+    assert (back.verdicts, back.attempts) == (verdicts, attempts)
+    assert back.bound == pytest.approx(np.deg2rad(4.0))
+    assert json.loads((out / "summary.json").read_text())["alignment"]["bound_deg"] == 4.0
+
+
 @pytest.fixture
 def written(drive, tmp_path, quick):
     solution, sequence = drive(lever_b=(1.0, 0.2, -0.8))
@@ -56,9 +72,10 @@ def test_everything_comes_back(written):
         np.testing.assert_allclose(
             getattr(result.solution.epochs, name), getattr(solution.epochs, name)
         )
-    assert dataclasses.asdict(result.solution.alignment) == pytest.approx(
-        dataclasses.asdict(solution.alignment)
-    )
+    back, report = (dataclasses.asdict(s.alignment) for s in (result.solution, solution))
+    for name in ("verdicts", "attempts"):
+        assert back.pop(name) == report.pop(name)
+    assert back == pytest.approx(report)
     assert result.evaluation.metrics == evaluation.metrics
     for name in ("error_pos_n", "error_vel_n", "error_rpy", "error_rpy_aligned", "ref_lla"):
         np.testing.assert_allclose(

@@ -7,7 +7,12 @@ import pytest
 
 from datasets.simulator import SimulationConfig, simulate
 from filters.errors import ConfigError, DataError
-from velocity.doppler_noise import fit_doppler_noise, own_residuals, reference_residuals
+from velocity.doppler_noise import (
+    correlated_epochs,
+    fit_doppler_noise,
+    own_residuals,
+    reference_residuals,
+)
 from velocity.range_rate import DopplerNoise
 from velocity.samples import reference_samples
 
@@ -69,3 +74,25 @@ def test_simulated_receiver_with_and_without_reference():
     cn0, residual = own_residuals(sim.observations, pos_e)
     alone = fit_doppler_noise(cn0, residual).noise
     np.testing.assert_allclose(alone.sigma(level), true, rtol=0.25)
+
+
+def test_correlated_errors_count_as_few():
+    """First-order Gauss–Markov: 1 + 2Σρᵏ = (1 + ρ)/(1 − ρ)."""
+    rng, n, rho = np.random.default_rng(4), 4000, 0.8
+    time, names, errors = [], [], []
+    for sat in ("G01", "G02", "G03"):
+        x = np.empty(n)
+        x[0] = rng.standard_normal()
+        for k, white in enumerate(rng.standard_normal(n - 1)):
+            x[k + 1] = rho * x[k] + np.sqrt(1.0 - rho**2) * white
+        time.append(0.2 * np.arange(n))
+        names.append(np.full(n, sat))
+        errors.append(x)
+    time, names, errors = (np.concatenate(a) for a in (time, names, errors))
+    assert correlated_epochs(time, names, errors) == pytest.approx(9.0, rel=0.15)
+    errors[rng.random(errors.size) < 0.3] = np.nan  # gaps change nothing
+    assert correlated_epochs(time, names, errors) == pytest.approx(9.0, rel=0.2)
+    white = rng.standard_normal(errors.size)
+    assert correlated_epochs(time, names, white) == pytest.approx(1.0, abs=0.5)
+    # Of satellites that share nothing, no pair of different ones is compared.
+    assert correlated_epochs(np.zeros(3), ["G01", "G02", "G03"], [1.0, 1.0, 1.0]) == 1.0
