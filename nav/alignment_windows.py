@@ -234,6 +234,8 @@ def align_window(
     part = observations.take(inside)
     nan = float("nan")
     try:
+        if not inside.any():
+            raise AlignmentError("no Doppler in this window")
         track = local_track(sequence, start, end)
         rows = alignment_rows(part, pos_e[inside], track, options.sigma_local_mps, noise)
     except AlignmentError as error:

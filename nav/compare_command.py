@@ -20,8 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("path", type=Path, nargs="+", help="folders of sequences")
     parser.add_argument(
         "--methods", default="all", metavar="LIST",
-        help="comma-separated: gnss-only, alignment-only[+vehicle], lc4, lc+ddia, lc+rows (each "
-        "with +vehicle, +smooth or +vehicle+smooth), alignment-heading [all]",
+        help="comma-separated: gnss-only, alignment-only[+vehicle], certified-only[+vehicle], lc4, "
+        "lc+ddia, lc+rows (each also with +vehicle, +smooth, or both), alignment-heading [all]",
     )  # fmt: skip
     parser.add_argument(
         "--outages", default="60/180", metavar="SPEC",

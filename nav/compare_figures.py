@@ -11,10 +11,11 @@ from nav.compare import Comparison, Run, SpellFigures
 
 #: Colour by what a method is at heart; line by what was added.
 _COLOURS = {
-    "gnss-only": figures.GREY, "alignment-only": "#CC79A7", "lc4": figures.VERMILLION,
+    "gnss-only": figures.GREY, "alignment-only": "#CC79A7",
+    "certified-only": figures.GREEN, "lc4": figures.VERMILLION,
     "lc+ddia": figures.ORANGE, "lc+rows": figures.BLUE,
 }  # fmt: skip
-_OTHERS = (figures.GREEN, figures.SKY, "#CC79A7", figures.INK)
+_OTHERS = (figures.SKY, "#CC79A7", figures.INK)
 _LINES = {"": "-", "+vehicle": "--", "+smooth": ":", "+vehicle+smooth": "-."}
 #: Below this nothing in a comparison of metres matters, and a logarithm needs an end [m].
 _LEAST = 0.1

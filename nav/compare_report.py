@@ -310,13 +310,13 @@ def _alignment_section(table: dict[str, Any]) -> str:
         w = f.get("alignment_windows")
         if w:
             rows.append(
-                (name, f"{w['windows']:g}", f"{w['certified']:g}", quantity(w["mae_deg"], "°"),
+                (name, f"{w['windows']:g}", f"{w['passed']:g}", quantity(w["mae_deg"], "°"),
                  quantity(w["max_deg"], "°"), f"{w['windows_in_spells']:g}",
                  f"{w['solved_in_spells']:g}", quantity(w["mae_in_spells_deg"], "°"))
             )  # fmt: skip
     if not rows:
         return ""
-    head = ["method", "windows", "certified", "heading MAE", "largest", "begin in spells",
+    head = ["method", "windows", "passed", "heading MAE", "largest", "begin in spells",
             "of these solved", "heading MAE in spells"]  # fmt: skip
     return f"<h2>Heading of sliding-window alignment</h2>\n{page.table(head, rows)}"
 

@@ -4,6 +4,7 @@
 gnss-only           positions and velocities as GNSS has them, interpolated between neighbouring
                     epochs, held where there are none; no IMU
 alignment-only      starts like every other run, then the IMU alone
+certified-only      starts certified, from IMU and Doppler in motion, then the IMU alone
 lc4                 loose coupling with four satellites and more; below, inertial
 lc+ddia             and DDIA-VE's velocity from two or three
 lc+rows             and each satellite difference as a measurement from two or three
@@ -46,7 +47,7 @@ class Method:
     Parameters
     ----------
     name : str
-    kind : {'gnss', 'inertial', 'loose', 'windows'}
+    kind : {'gnss', 'inertial', 'certified', 'loose', 'windows'}
     below_four : {'off', 'ddia', 'rows'}
     vehicle, smooth : bool
     """
@@ -74,6 +75,7 @@ class Method:
 def _all() -> dict[str, Method]:
     bases = (
         ("alignment-only", "inertial", "off"),
+        ("certified-only", "certified", "off"),
         ("lc4", "loose", "off"),
         ("lc+ddia", "loose", "ddia"),
         ("lc+rows", "loose", "rows"),
@@ -82,7 +84,7 @@ def _all() -> dict[str, Method]:
     for smooth in (False, True):
         for vehicle in (False, True):
             for name, kind, below_four in bases:
-                if not (smooth and kind == "inertial"):
+                if not (smooth and kind in ("inertial", "certified")):
                     full = name + "+vehicle" * vehicle + "+smooth" * smooth
                     made.append(Method(full, kind, below_four, vehicle, smooth))
     made.append(Method("alignment-heading", "windows"))
@@ -131,6 +133,8 @@ def solve(
         return gnss_only(sequence, method.config(config), alignment)
     if method.kind == "inertial":
         return _alignment_only(sequence, method.config(config), alignment)
+    if method.kind == "certified":
+        return _certified_only(sequence, method.config(config))
     return navigate(sequence, method.config(config))
 
 
@@ -144,6 +148,16 @@ def _alignment_only(sequence: Sequence, config: Config, alignment: AlignmentRepo
         except (AlignmentError, ConfigError) as error:
             last = error
     raise last
+
+
+def _certified_only(sequence: Sequence, config: Config) -> Solution:
+    """Navigate with no more GNSS than up to the end of the window that passed every verdict."""
+    config = dataclasses.replace(
+        config, alignment=dataclasses.replace(config.alignment, method="certified")
+    )
+    passed, _ = navigate(sequence, config).alignment.attempts[-1]
+    never_again = np.array([[np.nextafter(passed, np.inf), np.inf]])
+    return navigate(degrade(sequence, never_again, Outages("certified only")), config)
 
 
 def gnss_only(sequence: Sequence, config: Config, alignment: AlignmentReport) -> Solution:

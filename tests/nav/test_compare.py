@@ -9,11 +9,13 @@ import json
 import numpy as np
 import pytest
 
+from datasets.load import load
 from datasets.simulator import SimulationConfig, simulate
 from datasets.trajectory import fixes_from_truth
 from filters.errors import ConfigError, DataError
 from nav import compare_command
-from nav.compare import SIDECAR, as_dict, compare, spell_figures, statistics
+from nav.alignment_windows import summary
+from nav.compare import SIDECAR, Comparison, Run, as_dict, compare, spell_figures, statistics
 from nav.compare_report import build_page, merge, write_page
 from nav.config import Config
 from nav.degradation import parse_outages
@@ -179,3 +181,24 @@ def test_command_refuses_to_overwrite_what_is_not_its_own(tmp_path):
     with pytest.raises(DataError, match="not a comparison"):
         compare_command.run(parser.parse_args([str(tmp_path), "--out", str(tmp_path)]))
     assert (tmp_path / "thesis.txt").is_file()
+
+
+def test_certified_only_and_window_headings_on_a_recording(data_dir, tmp_path):
+    methods = parse_methods("certified-only,lc4,alignment-heading")
+    sequence = load(data_dir / "comma2k19-example1")
+    found = compare([sequence], methods, parse_outages("30-50"), Config())
+    table = as_dict(found)["methods"]
+    certified, lc4 = table["certified-only"], table["lc4"]
+    # The same start; without any GNSS after it the position can only be worse.
+    assert certified["errors"]["horizontal_rms_m"] > lc4["errors"]["horizontal_rms_m"]
+    assert certified["updates"]["position"]["accepted"] < lc4["updates"]["position"]["accepted"]
+    headings = table["alignment-heading"]
+    assert "alignment_windows" in headings or headings["not_available"]
+    page = write_page(found, tmp_path).read_text(encoding="utf-8")
+    assert "certified-only" in page and "alignment-heading" in page
+
+
+def test_window_headings_are_on_the_page():
+    weak = {"windows_in_spells": 0, "solved_in_spells": 0, "mae_in_spells_deg": float("nan")}
+    run = Run("alignment-heading", "drive", "@0", headings=summary([]) | weak)
+    assert "Heading of sliding-window alignment" in build_page(Comparison((run,), {}, "60/180"))
