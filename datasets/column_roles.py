@@ -27,18 +27,25 @@ _TRIADS = {
     "gyro": [
         (r"(gyro|angular|ang_?rate|ang_?vel).*{}$", "xyz"),
         (r"^(g|gyro?|gyr|w|omega|angular_?(velocity|rate)|rate|dtheta|ang_?vel)_?{}$", "xyz"),
+        (r"^{}_?(rate|speed|vel(ocity)?)$", "pqr"),
     ],
     "accel": [
         (r"acc(?!ur).*{}$", "xyz"),
         (r"^(a|acc|accel|acceleration|f|force|linear_acceleration|dv|dvel)_?{}$", "xyz"),
     ],
     "velocity": [
-        (r"^v(el(ocity)?)?_?{}$", "ned"),
-        (r"^v(el(ocity)?)?_?{}$", "enu"),
+        (r"^(v(el(ocity)?)?|speed)_?{}$", "ned"),
+        (r"^(v(el(ocity)?)?|speed)_?{}$", "enu"),
+        (r"^{}_?(v(el(ocity)?)?|speed)$", "ned"),
+        (r"^{}_?(v(el(ocity)?)?|speed)$", "enu"),
         (r"^v(el(ocity)?)?_?{}$", "xyz"),
     ],
 }
-_SPELT_OUT = {"n": "n(orth)?", "e": "e(ast)?", "d": "d(own)?", "u": "u(p)?"}
+_SPELT_OUT = {
+    "n": "n(orth)?", "e": "e(ast)?", "d": "d(own)?", "u": "u(p)?",
+    "p": "(p|roll)", "q": "(q|pitch)", "r": "(r|yaw)",
+}  # fmt: skip
+_TIME_UNIT = r"(?:^|[\W_])(ms|us|ns)\W*$"
 _PLACES = {
     "lat": r"(^|[^a-z])lat(itude)?$",
     "lon": r"(^|[^a-z])(lon|lng|long)(gitude|itude)?$",
@@ -124,7 +131,7 @@ def week_index(table: Sampled) -> int | None:
 
 
 def triad(table: Sampled, role: str) -> tuple[list[int], str] | None:
-    """Return three columns by name, and the letters they were found by ('xyz', 'ned', 'enu')."""
+    """Return three columns by name, and the letters they were found by ('xyz', 'ned' …)."""
     for pattern, letters in _TRIADS[role]:
         hits = [table.find(pattern.format(_SPELT_OUT.get(x, x))) for x in letters]
         if all(hits):
@@ -169,9 +176,17 @@ def unit_said(table: Sampled, columns: list[int], known: tuple[str, ...]) -> str
     return said.pop() if len(said) == 1 else ""
 
 
+def time_unit_said(table: Sampled, k: int) -> str:
+    """Return the unit below the second that the header of a column of time names, or ''."""
+    found = re.search(_TIME_UNIT, table.source.names[k].lower()) if table.source.names else None
+    return found[1] if found else ""
+
+
 def is_other_sensor(table: Sampled, columns: list[int]) -> bool:
     """Return whether the names say that columns are of a magnetometer or the like."""
-    return any(re.search(r"mag|temp|baro|press|euler|roll|quat", table.plain[k]) for k in columns)
+    return any(
+        re.search(r"mag|temp|baro|press|euler|roll(?!_?rate)|quat", table.plain[k]) for k in columns
+    )
 
 
 def up_axis(table: Sampled, columns: list[int]) -> str:

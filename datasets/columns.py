@@ -17,7 +17,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.text_tables import Table, checked_lines, read_lines, read_table, starts_with_number
+from datasets.text_tables import (
+    LARGEST,
+    Table,
+    checked_lines,
+    read_lines,
+    read_table,
+    starts_with_number,
+)
 from filters.errors import ConfigError, DataError
 from filters.rotation import FloatArray
 
@@ -192,15 +199,19 @@ def _lenient(table: Table, words: NDArray[np.str_], label: str) -> FloatArray:
     stripped = np.char.strip(words)
     missing = np.isin(np.char.lower(stripped), _MISSING)
     try:
-        return np.where(missing, "nan", stripped).astype(float)
+        value = np.where(missing, "nan", stripped).astype(float)
+        bad = ~missing & ~(np.abs(value) <= LARGEST)
     except ValueError:
-        bad = [not m and not starts_with_number(w) for m, w in zip(missing, stripped, strict=True)]
+        value = np.empty(0)
+        bad = ~missing & ~np.array([starts_with_number(w) for w in stripped])
+    if bad.any():
         k = int(np.argmax(bad))
         raise DataError(
             f"{label}: expected a number or nothing, found '{stripped[k]}'",
             file=table.file,
             line=int(table.line[k]),
-        ) from None
+        )
+    return value
 
 
 def _is_gzip(path: Path) -> bool:

@@ -131,7 +131,7 @@ class Section:
                 raise self.missing(line, why)
             return default
         value = self.values[key]
-        if not isinstance(value, str) or not value:
+        if not isinstance(value, str) or not value or "\0" in value:
             raise self.refuse(key, "a text")
         return value
 

@@ -27,6 +27,8 @@ from filters.sensors import PRESETS
 
 _COLUMN = 44
 _SPEEDS = "m/s, km/h or knots"
+#: Stamps this far apart may be in another unit than seconds.
+_LONG_STEP = 2.0
 
 
 def draft_declaration(files: Sequence[str | Path]) -> str:
@@ -54,6 +56,10 @@ def draft_declaration(files: Sequence[str | Path]) -> str:
     sections: dict[str, list[str]] = {}
     rinex: dict[str, list[str]] = {"O": [], "N": []}
     for path in paths:
+        if path.is_dir():
+            raise DataError(
+                "expected files, found a folder", file=path, remedy=f"name them: {path}/*.csv …"
+            )
         if not path.is_file():
             raise DataError("file not found", file=path, remedy="check the name")
         name = _relative(path, home)
@@ -183,7 +189,9 @@ def _draft_table(table: Sampled, file: str) -> tuple[str, list[str]]:
         lines += _pvt_lines(table, where)
         if all(attitude[:2]) and attitude[2]:
             names = [table.column(a[0]) for a in attitude]
-            return "reference", [*lines, _line("attitude", names), *_attitude_lines()]
+            lines += [*_velocity_lines(table), _line("attitude", names), *_attitude_lines()]
+            return "reference", lines
+        lines += _velocity_lines(table) or _no_velocity_lines(table, taken | set(where))
         return "gnss", lines + _deviation_lines(table, roles.place(table) is not None)
     speed = table.find(r"^(speed|v|vel|velocity|wheel_?speed|odo(meter)?)$")
     if speed:
@@ -213,7 +221,8 @@ def _unnamed_lines(table: Sampled, taken: set[int]) -> list[str]:
         _line("angle_unit", BLANK, "deg or rad; of lla only"),
         _line("height", BLANK, "ellipsoid; or geoid (mean sea level) with geoid_m = …; lla only"),
     ]
-    return [*lines, *_velocity_lines(table), *_deviation_lines(table, True)]
+    velocity = _velocity_lines(table) or _no_velocity_lines(table, taken)
+    return [*lines, *velocity, *_deviation_lines(table, True)]
 
 
 def _time_lines(table: Sampled) -> tuple[list[str], set[int]]:
@@ -230,10 +239,14 @@ def _time_lines(table: Sampled) -> tuple[list[str], set[int]]:
     if week is not None and 0.0 <= value[0] <= 7 * 86400.0:
         columns = [table.column(week), table.column(k)]
         return [_line("time", columns), _line("time_scale", "gps-week-sow")], {k, week}
-    return [_line("time", table.column(k)), *_scale_lines(float(np.median(value)))], {k}
+    said, step = roles.time_unit_said(table, k), float(np.median(np.diff(value)))
+    unit = [_line("time_unit", said, "says the header")] if said else []
+    if not said and step >= _LONG_STEP:
+        unit = [_line("time_unit", BLANK, f"s, ms, us or ns: stamps step by {step:.6g}")]
+    return [_line("time", table.column(k)), *_scale_lines(float(np.median(value)), unit)], {k}
 
 
-def _scale_lines(middle: float) -> list[str]:
+def _scale_lines(middle: float, unit_if_any: list[str]) -> list[str]:
     """Return time_scale and time_unit for stamps of that size."""
     for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
         seconds = middle * factor
@@ -246,8 +259,8 @@ def _scale_lines(middle: float) -> list[str]:
             if seconds < 1.2e9:
                 hint = "gps (seconds since 1980), or unix if recorded before 2008"
             return [_line("time_scale", BLANK, hint), *unit_line]
-    hint = "gps-sow (then add week = …), or relative; time_unit if not seconds"
-    return [_line("time_scale", BLANK, hint)]
+    hint = "gps-sow (then add week = …); relative: counts from no date"
+    return [_line("time_scale", BLANK, hint), *unit_if_any]
 
 
 def _imu_lines(table: Sampled, accel: list[int], taken: set[int]) -> list[str]:
@@ -256,22 +269,31 @@ def _imu_lines(table: Sampled, accel: list[int], taken: set[int]) -> list[str]:
     unit, evidence = roles.accel_unit(table, accel)
     said = roles.unit_said(table, gyro, ("rad/s", "deg/s"))
     lines = [
-        _line("gyro", [table.column(k) for k in gyro] or BLANK, "" if gyro else "three columns"),
+        _line(
+            "gyro", [table.column(k) for k in gyro] or BLANK, "" if gyro else _left(table, taken)
+        ),
         _line("accel", [table.column(k) for k in accel]),
     ]
     peak = float(np.nanmax(np.abs(table.value[:, gyro]))) if gyro else np.nan
+    largest = f"; largest is {peak:.3g}" if gyro else ""
     if unit == "m/s":
-        lines.append(_line("gyro_unit", BLANK, f"increments: rad or deg; largest is {peak:.3g}"))
+        lines.append(_line("gyro_unit", BLANK, f"increments: rad or deg{largest}"))
     elif said:
-        lines.append(_line("gyro_unit", said, f"says the header; largest is {peak:.3g}"))
+        lines.append(_line("gyro_unit", said, f"says the header{largest}"))
     elif peak > 12.0:  # 690 deg/s: no car turns so fast
         lines.append(_line("gyro_unit", "deg/s", f"largest is {peak:.3g}: too fast for rad/s"))
     else:
-        hint = f"rad/s or deg/s (or rad, deg: increments); largest is {peak:.3g}"
+        hint = f"rad/s or deg/s (or rad, deg: increments){largest}"
         lines.append(_line("gyro_unit", BLANK, hint))
     lines.append(_line("accel_unit", unit or BLANK, evidence))
     hint = f"FRD, FLU, RFU …: {roles.up_axis(table, accel)}, where x points only you can know"
     return [*lines, _line("axes", BLANK, hint)]
+
+
+def _left(table: Sampled, taken: set[int]) -> str:
+    """Return the columns that may be the three of the gyro, as a question."""
+    names = [str(table.column(k)) for k in range(table.value.shape[1]) if k not in taken]
+    return f"three of {', '.join(names)}" if len(names) > 2 else "three columns"
 
 
 def _beside(table: Sampled, accel: list[int], taken: set[int]) -> list[int]:
@@ -297,7 +319,18 @@ def _pvt_lines(table: Sampled, where: list[int]) -> list[str]:
         lines.append(
             _line("height", BLANK, "ellipsoid; or geoid (mean sea level) with geoid_m = …")
         )
-    return lines + _velocity_lines(table)
+    return lines
+
+
+def _no_velocity_lines(table: Sampled, taken: set[int]) -> list[str]:
+    """Return the question for a velocity that no name tells: a run cannot start without."""
+    return [
+        "# No column is known as a velocity, and a run starts from one. Of speed and course make",
+        "# columns: north = speed cos(course), east = speed sin(course), down = 0.",
+        _line("velocity", BLANK, _left(table, taken)),
+        _line("velocity_frame", BLANK, "ned, enu or ecef"),
+        _line("velocity_unit", BLANK, _SPEEDS),
+    ]
 
 
 def _velocity_lines(table: Sampled) -> list[str]:
@@ -321,8 +354,6 @@ def _deviation_lines(table: Sampled, geodetic: bool) -> list[str]:
         ("velocity", "vel", "velocity_sigma_mps", "[0.1, 0.1, 0.2]"),
     ):
         velocity = roles.triad(table, "velocity")
-        if what == "velocity" and velocity is None:
-            continue
         axes = velocity[1] if what == "velocity" and velocity else "ned" if geodetic else "xyz"
         forms = (axes, "neu") if axes == "ned" else (axes,)
         found = next((f for a in forms if (f := roles.deviations(table, a, short))), None)
@@ -330,7 +361,8 @@ def _deviation_lines(table: Sampled, geodetic: bool) -> list[str]:
             names = [table.column(k) for k in found]
             lines.append(_line(f"{what}_sigma", names, "1σ; variances: " + f"{what}_variance"))
         else:
-            lines.append(_line(key, BLANK, f"1σ, e.g. {example}; or columns: {what}_sigma = …"))
+            hint = f"1σ, e.g. {example}; or columns: {what}_sigma = [horizontal twice, vertical]"
+            lines.append(_line(key, BLANK, hint))
     return lines
 
 

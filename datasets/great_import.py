@@ -42,7 +42,10 @@ _WANTED = {
 }
 _DAY = 86400.0
 #: What `zipfile` says of archives whose lists of contents are wrong.
-_DAMAGED = (zipfile.BadZipFile, OSError, ValueError, OverflowError, struct.error)
+_DAMAGED = (
+    *(zipfile.BadZipFile, OSError, ValueError, OverflowError, struct.error),
+    *(NotImplementedError, EOFError, zlib.error, RuntimeError),
+)
 
 
 @dataclass(frozen=True)
@@ -196,7 +199,7 @@ def _extract(archive: zipfile.ZipFile, member: zipfile.ZipInfo, target: Path, wh
     try:
         with archive.open(member) as stream, target.open("wb") as out:
             shutil.copyfileobj(stream, out, 1 << 20)
-    except (*_DAMAGED, zlib.error, EOFError, NotImplementedError) as error:
+    except _DAMAGED as error:
         raise DataError(
             f"damaged archive: {error}", file=where, remedy="download it again"
         ) from None

@@ -24,7 +24,7 @@ import numpy as np
 from datasets.imu_text import AXES
 from datasets.physics import check_gravity, check_gyro, course_of
 from datasets.sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
-from datasets.text_tables import check_head, sampling_note
+from datasets.text_tables import LARGEST, check_head, sampling_note
 from filters.earth import C_en_at, lla_to_ecef
 from filters.errors import DataError
 from filters.rotation import FloatArray, matrix_from_rpy
@@ -122,7 +122,7 @@ def _table(folder: Path, name: str) -> pd.DataFrame:
     if len(table) < 2:
         raise DataError(f"expected at least 2 rows, found {len(table)}", file=file)
     needed = [c for c in table if c != "heading_rad"]  # NaN where the receiver has no heading
-    bad = ~np.isfinite(table[needed].to_numpy())
+    bad = ~(np.abs(table[needed].to_numpy()) <= LARGEST)
     if bad.any():
         row, column = (int(k) for k in np.argwhere(bad)[0])
         raise DataError(f"{needed[column]}: expected a finite number", file=file, line=row + 2)

@@ -188,7 +188,11 @@ def _rinex(
     name = section.text("observations", 'observations = "rover.obs"')
     files = section.values.get("navigation")
     files = [files] if isinstance(files, str) else files
-    if not files or not all(isinstance(f, str) for f in files):
+    if (
+        not isinstance(files, list)
+        or not files
+        or not all(isinstance(f, str) and "\0" not in f for f in files)
+    ):
         raise section.missing('navigation = ["brdc.nav"]', "broadcast ephemerides")
     navigation = tuple(plain_rinex(home / f) for f in files)
     rover = plain_rinex(home / name)

@@ -22,6 +22,8 @@ from filters.sensors import ImuSpec
 
 StrArray = NDArray[np.str_]
 
+#: Beyond any quantity in SI units here; squares and cubes of it are finite.
+_LARGEST = 1e40
 #: Without inertial data for longer than this [s] it is no longer one drive.
 _LONGEST_GAP = 3600.0
 
@@ -37,6 +39,10 @@ def _array(owner: str, name: str, value: object, shape: tuple[int, ...], finite:
     if finite and not np.isfinite(array).all():
         index = int(np.argwhere(~np.isfinite(array))[0, 0])
         raise DataError(f"{owner}.{name}: not finite at index {index}")
+    huge = np.abs(array) > _LARGEST  # also where missing values may be NaN
+    if huge.any():
+        at = tuple(np.argwhere(huge)[0])
+        raise DataError(f"{owner}.{name}: {array[at]:.3g} at index {at[0]}: no such quantity")
     array.flags.writeable = False
     return array
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+#: No column of any recording holds larger numbers (time in ns: 2e18); their squares are finite.
+LARGEST = 1e20
 #: Longest line of a table [characters], and longest cell of text in it.
 LONGEST_LINE, _LONGEST_CELL = 16384, 256
 
@@ -104,16 +106,21 @@ def check_head(path: Path, skip: int = 0) -> None:
     opener = gzip.open if path.suffix == ".gz" else open
     try:
         with opener(path, "rt", encoding="utf-8-sig", errors="replace") as stream:
-            head = [stream.readline(LONGEST_LINE + 1) for _ in range(skip + 2)]
+            head = [stream.readline(LONGEST_LINE + 1) for _ in range(skip + 1)]
+            row, number = "\n", skip + 1  # pandas leaves blank lines out
+            while row and not row.strip():
+                row, number = stream.readline(LONGEST_LINE + 1), number + 1
     except OSError as error:
         raise cannot_open(path, error) from None
     except (EOFError, zlib.error):
         raise DataError("damaged gzip file", file=path, remedy="copy it again") from None
-    checked_lines(path, head)
-    header, row = (len(line.split(",")) for line in head[skip:])
-    if head[-1].strip() and header != row:
+    checked_lines(path, [*head, *(number - skip - 2) * [""], row])
+    if not head[skip].strip():
+        raise DataError("expected a header, found a blank line", file=path, line=skip + 1)
+    header, found = len(head[skip].split(",")), len(row.split(","))
+    if row.strip() and header != found:
         raise DataError(
-            f"header of {header} columns above a row of {row}",
+            f"header of {header} columns above a row of {found}",
             file=path,
             line=skip + 1,
             remedy="repair the header",
@@ -166,7 +173,7 @@ def read_table(
     path = Path(path)
     if numeric is None and not text and separator is None and lines is None:
         plain = read_numbers(path, len(columns), exact)
-        if plain is not None:
+        if plain is not None and (np.abs(plain[0]) <= LARGEST).all():
             return Table(path, plain[0], (), plain[1], ())
     numeric = range(len(columns)) if numeric is None else numeric
     lines = read_lines(path) if lines is None else lines
@@ -240,7 +247,7 @@ def _parse_fast(body, columns, numeric, text, exact, separator) -> pd.DataFrame 
         return None
     if not {*numeric, *text} <= set(frame.columns):  # quotes, or white space only Python knows
         return None
-    return frame if np.isfinite(frame[list(numeric)].to_numpy()).all() else None
+    return frame if (np.abs(frame[list(numeric)].to_numpy()) <= LARGEST).all() else None
 
 
 def _walk(path, lines, start, columns, numeric, exact, separator, is_data):
@@ -261,7 +268,7 @@ def _walk(path, lines, start, columns, numeric, exact, separator, is_data):
                 remedy="repair or delete the line",
             )
         for j in numeric:
-            if not starts_with_number(tokens[j]) or not np.isfinite(float(tokens[j])):
+            if not starts_with_number(tokens[j]) or not abs(float(tokens[j])) <= LARGEST:
                 raise DataError(
                     f"{columns[j]}: expected a finite number, found '{tokens[j].strip()[:40]}'",
                     file=path,

@@ -200,6 +200,8 @@ class GnssConfig:
 
     def __post_init__(self) -> None:
         _choice("gnss.position", self.position, ("auto", "spp", "rtk", "carried", "none"))
+        if "\0" in self.base:
+            raise ConfigError(f"gnss.base: expected a path, found {self.base!r}")
         if len(self.base_position_e_m) not in (0, 3):
             raise ConfigError(
                 "gnss.base_position_e_m: expected X, Y, Z in metres, found "

@@ -22,6 +22,8 @@ GPS_EPOCH_GTIME = 315964800
 #: Half step of the central difference for satellite velocity and clock drift [s]: truncation
 #: 4e-6 m/s, rounding 1e-8 m/s. RTKLIB's own is a 1 ms forward difference, 0.28 mm/s off.
 _HALF_STEP = 0.5
+#: No broadcast clock is off by so much [s], or so fast [s/s]: they are a thousand times better.
+_CLOCK, _CLOCK_DRIFT = 1.0, 1e-6
 
 
 class SatelliteStates(NamedTuple):
@@ -106,13 +108,29 @@ def _read_navigation(files: tuple[tuple[Path, int, int], ...]) -> Any:
     nav, obs, station = rtk.nav_t(), rtk.obs_t(), rtk.sta_t()
     for path, _, _ in files:
         check_navigation(path)
-        before = nav.n + nav.ng
+        known = nav.n, nav.ng
         with harmless_name(path) as name:
             rtk.readrnx(name, 1, "", obs, nav, station)
-        if nav.n + nav.ng == before:
+        if (nav.n, nav.ng) == known:
             raise DataError("no ephemeris found", file=path, remedy="check the file's content")
+        _refuse_absurd(nav, *known, path)
     rtk.uniqnav(nav)
     return nav
+
+
+def _refuse_absurd(nav: Any, first: int, first_glonass: int, path: Path) -> None:
+    """Refuse clocks that are none: RTKLIB would integrate a GLONASS orbit for years."""
+    kepler = [nav.eph[k] for k in range(first, nav.n)]
+    glonass = [nav.geph[k] for k in range(first_glonass, nav.ng)]
+    clocks = [(e.sat, e.f0, e.f1) for e in kepler] + [(e.sat, e.taun, e.gamn) for e in glonass]
+    for satellite, bias, drift in clocks:
+        if not (abs(bias) < _CLOCK and abs(drift) < _CLOCK_DRIFT):
+            raise DataError(
+                f"ephemeris of {satellite_name(satellite)}: expected a clock off by less than "
+                f"{_CLOCK:g} s, found {bias:.3g} s and {drift:.3g} s/s",
+                file=path,
+                remedy="the file is damaged: copy or convert it again",
+            )
 
 
 def broadcast_states(

@@ -317,3 +317,54 @@ def test_epochs_of_an_impossible_date(read, seeds, tmp_path, old, new, message):
     (folder / "rover.obs").write_text(text[:at] + new + text[at + len(old) :])
     with pytest.raises(DataError, match=message):
         read["relative"](folder)
+
+
+def test_an_absurd_satellite_clock_is_refused(read, seeds, tmp_path):
+    """RTKLIB would carry a GLONASS orbit over as many years, a minute at a time."""
+    folder = tmp_path / "copy"
+    shutil.copytree(seeds[0] / "rinex_3", folder)
+    text = (folder / "brdc.nav").read_text().split("\n")
+    k = next(k for k, line in enumerate(text) if "END OF HEADER" in line) + 1
+    text[k] = text[k][:23] + "-9.220000000000E+16" + text[k][42:]
+    (folder / "brdc.nav").write_text("\n".join(text))
+    with pytest.raises(DataError, match=r"clock off by less than 1 s, found -9\.22e\+16 s"):
+        read["rinex_3"](folder)
+
+
+@pytest.mark.parametrize("number", ["1e308", "-1e21", "inf", "nan"])
+def test_numbers_that_measure_nothing(tmp_path, number):
+    """Their squares would overflow somewhere later, in a warning nobody understands."""
+    file = tmp_path / "a.txt"
+    file.write_text(f"1 2\n3 {number}\n")
+    with pytest.raises(DataError, match=r"a\.txt:2: b: expected a finite number, found"):
+        read_table(file, ("a", "b"))
+
+
+def test_a_file_name_that_is_none(read, seeds, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(seeds[0] / "own_rinex", folder)
+    text = (folder / "sequence.toml").read_text()
+    for old in ('file = "groundtruth.txt"', 'navigation = ["brdc.rnx"]'):
+        key, _, value = old.partition(" = ")
+        new = '["\\u0000"]' if value.startswith("[") else '"\\u0000"'
+        (folder / "sequence.toml").write_text(text.replace(old, f"{key} = {new}"))
+        with pytest.raises(NavError, match=r"expected a text|navigation is not declared"):
+            read["own_rinex"](folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda data: b"\n\n" + b"1," * 100_000 + b"\n" + data, ":3: expected a table, found a"),
+        (lambda data: b"\n\n" + data, ":1: expected a header, found a blank"),
+        (lines(lambda text: text.__setitem__(1, "\n" + "1," * 8000)), "above a row of 8001"),
+    ],
+)
+def test_blank_lines_hide_no_columns(read, seeds, tmp_path, change, message):
+    """pandas passes over blank lines, and took minutes to name 100 000 columns behind them."""
+    folder = tmp_path / "copy"
+    shutil.copytree(seeds[0] / "comma2k19", folder)
+    file = folder / "derived/gps_ublox_with_satpv.csv"
+    file.write_bytes(change(file.read_bytes()))
+    with pytest.raises(DataError, match=message):
+        read["comma2k19"](folder)
