@@ -15,7 +15,15 @@ from numpy.typing import ArrayLike
 
 from filters import _kernels
 from filters._jit import COMPILED
-from filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
+from filters.error_model import (
+    ACCEL_BIAS,
+    ATT,
+    CLOCK_DRIFT_SIGMA,
+    GYRO_BIAS,
+    POS,
+    VEL,
+    ErrorModel,
+)
 from filters.errors import DataError
 from filters.measurement_update import Update, compiled, innovation, turned, with_filterpy
 from filters.measurements import Measurement
@@ -111,6 +119,8 @@ class ErrorStateFilter:
         self.bias = np.zeros(12)
         self.bias[0:3], self.bias[3:6] = gyro_bias, accel_bias
         self.odometer_scale = 0.0
+        self.clock_drift = 0.0
+        self.fix_bias = np.zeros(3)
         self.omega_b = np.zeros(3)
         self._noise = model.noise()
         self._update: Update = with_filterpy if filterpy else compiled
@@ -182,10 +192,41 @@ class ErrorStateFilter:
             self._rows, self._cursor, self._period,
         )  # fmt: skip
         if until > self.time:
+            self._age(min(until, self.stream.end) - self.time)
             self.omega_b = omega
             if self.tape is not None:
                 self.tape.predict(before, self._phi.copy(), self.P.copy())
         self.time = min(until, self.stream.end)
+
+    def _age(self, dt: float) -> None:
+        """Let the errors of GNSS change: drift of the clock walks, what positions share fades."""
+        model = self.model
+        if model.clock is not None:
+            self.P[model.clock, model.clock] += model.clock_walk**2 * dt
+        if model.fix_bias is not None:
+            phi = self._fade(float(np.exp(-dt / model.fix_correlation)))
+            if self.tape is not None:
+                self._phi[:] = phi @ self._phi
+
+    def _fade(self, factor: float) -> FloatArray:
+        """Make the shared error of positions `factor` of itself; return the transition matrix."""
+        shared, phi = self.model.fix_bias, np.eye(self.model.size)
+        assert shared is not None
+        phi[shared] *= factor
+        self.fix_bias *= factor
+        self.P[shared] *= factor
+        self.P[:, shared] *= factor
+        self.P[shared, shared] += (1.0 - factor**2) * np.eye(3)
+        return phi
+
+    def other_satellites(self, overlap: float) -> None:
+        """Tell that a position has so much in common with the one before, 0 … 1, by satellites."""
+        if self.model.fix_bias is None or overlap >= 1.0:
+            return
+        before = self.P.copy()
+        phi = self._fade(overlap)
+        if self.tape is not None:
+            self.tape.predict(before, phi, self.P.copy())
 
     def test(self, measurement: Measurement, gate_probability: float) -> Outcome:
         """Return whitened innovation and NIS of a measurement, without applying it."""
@@ -236,6 +277,49 @@ class ErrorStateFilter:
         self.P *= factor
         return factor
 
+    def doubt(self, measurement: Measurement, limit: float = 1e4) -> float:
+        """Enlarge P where a measurement looks, until its NIS is what is expected of it.
+
+        What H sees, H P Hᵀ, grows by a factor, what is correlated with it as the correlations
+        say, and nothing else: P ← P + (f − 1) P Hᵀ (H P Hᵀ)⁻¹ H P.
+
+        Parameters
+        ----------
+        measurement : Measurement
+        limit : float
+            Of the factor.
+
+        Returns
+        -------
+        float
+            The factor; 1 where the NIS is low already.
+        """
+        z, H, R = measurement.z, measurement.H, measurement.R
+        PHt = self.P @ H.T
+        seen = H @ PHt
+        factor = 1.0
+        while factor < limit and z @ np.linalg.solve(factor * seen + R, z) > z.size:
+            factor = min(1.2 * factor, limit)
+        if factor > 1.0:
+            before = self.P.copy()
+            more = PHt @ np.linalg.pinv(seen, rcond=1e-10, hermitian=True) @ PHt.T
+            self.P = before + (factor - 1.0) * 0.5 * (more + more.T)
+            if self.tape is not None:
+                self.tape.predict(before, np.eye(self.model.size), self.P.copy())
+        return factor
+
+    def forget_clock(self) -> None:
+        """Take the receiver's clock drift for unknown: it has jumped."""
+        clock = self.model.clock
+        if clock is None:
+            return
+        phi, before = np.eye(self.model.size), self.P.copy()
+        phi[clock, clock] = 0.0
+        self.P[clock], self.P[:, clock] = 0.0, 0.0
+        self.P[clock, clock] = CLOCK_DRIFT_SIGMA**2
+        if self.tape is not None:
+            self.tape.predict(before, phi, self.P.copy())
+
     def _feed_back(self, x: FloatArray) -> None:
         self.pos_e += x[POS]
         self.vel_e += x[VEL]
@@ -243,6 +327,10 @@ class ErrorStateFilter:
         self.bias[0:3] += x[GYRO_BIAS]
         self.bias[3:6] += x[ACCEL_BIAS]
         self.bias[6 : 6 + self.model.states - 15] += x[15 : self.model.states]
+        if self.model.clock is not None:
+            self.clock_drift += float(x[self.model.clock])
+        if self.model.fix_bias is not None:
+            self.fix_bias += x[self.model.fix_bias]
         if self.model.odometer:
             self.odometer_scale += float(x[-1])
         if self.tape is not None:

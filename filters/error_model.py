@@ -19,6 +19,11 @@ A bias is a turn-on constant plus an in-run Gauss–Markov part (σ, τ). One st
 be both. 'random-walk' keeps the constant and lets the bias wander as the in-run part does over
 times shorter than τ (density σ√(2/τ)); 'gauss-markov' lets the whole bias decay with τ, which is
 right where the turn-on part has been calibrated away.
+
+Errors of GNSS that outlast an epoch are states too, or the filter would average away what does
+not average: the receiver's clock drift, a random walk, and the error that successive positions
+share (reflections, ionosphere, orbits), a Gauss–Markov process in units of each position's own
+standard deviation.
 """
 
 from __future__ import annotations
@@ -38,6 +43,10 @@ GYRO_BIAS, ACCEL_BIAS = slice(9, 12), slice(12, 15)
 GYRO_SCALE, ACCEL_SCALE = slice(15, 18), slice(18, 21)
 #: Initial 1σ of an odometer's scale factor: tyre wear and pressure.
 ODOMETER_SCALE_SIGMA = 0.02
+#: Initial 1σ of a receiver's clock drift [m/s]: 3 ppm, what any quartz keeps.
+CLOCK_DRIFT_SIGMA = 1000.0
+#: Share of a position's variance that successive positions have in common.
+SHARED = 0.9
 
 
 @dataclass(frozen=True)
@@ -52,12 +61,18 @@ class ErrorModel:
     bias_model : {'random-walk', 'gauss-markov'}
     odometer : bool
         Whether one more state, the last, is the odometer's scale factor.
+    clock_walk : float
+        Random walk of the receiver's clock drift [m/s/√s]; 0: no such state.
+    fix_correlation : float
+        Correlation time of position errors [s]; 0: no such states.
     """
 
     imu: ImuSpec
     states: int = 15
     bias_model: str = "random-walk"
     odometer: bool = False
+    clock_walk: float = 0.0
+    fix_correlation: float = 0.0
 
     def __post_init__(self) -> None:
         if self.states not in (15, 21):
@@ -70,7 +85,18 @@ class ErrorModel:
     @property
     def size(self) -> int:
         """Length of the error state."""
-        return self.states + self.odometer
+        return self.states + (self.clock_walk > 0) + 3 * (self.fix_correlation > 0) + self.odometer
+
+    @property
+    def clock(self) -> int | None:
+        """Index of the receiver's clock drift [m/s], if it is a state."""
+        return self.states if self.clock_walk > 0 else None
+
+    @property
+    def fix_bias(self) -> slice | None:
+        """The shared error of positions, of unit variance, if it is a state."""
+        first = self.states + (self.clock_walk > 0)
+        return slice(first, first + 3) if self.fix_correlation > 0 else None
 
     @property
     def bias_decay_rate(self) -> float:
@@ -107,6 +133,13 @@ class ErrorModel:
         if self.states == 21:
             P[GYRO_SCALE, GYRO_SCALE] = np.eye(3) * (1e-6 * spec.gyro_scale_ppm) ** 2
             P[ACCEL_SCALE, ACCEL_SCALE] = np.eye(3) * (1e-6 * spec.accel_scale_ppm) ** 2
+        if self.clock is not None:
+            P[self.clock, self.clock] = CLOCK_DRIFT_SIGMA**2
+        if self.fix_bias is not None:
+            # What is wrong with the first position is wrong with the next ones.
+            root = shared_root(pos_cov_e)
+            P[self.fix_bias, self.fix_bias] = np.eye(3)
+            P[POS, self.fix_bias], P[self.fix_bias, POS] = -root, -root
         if self.odometer:
             P[-1, -1] = ODOMETER_SCALE_SIGMA**2
         return P
@@ -151,3 +184,13 @@ class ErrorModel:
         phi[ACCEL_BIAS, ACCEL_BIAS] *= decay
         _kernels.transition(F, np.eye(self.size), phi[:9])
         return phi
+
+
+def shared_root(cov_e: ArrayLike) -> FloatArray:
+    """Return B with BBᵀ = `SHARED` times the covariance of a position: its error is B b + noise.
+
+    The symmetric root, so that a slowly changing covariance means a slowly changing error.
+    """
+    values, axes = np.linalg.eigh(np.asarray(cov_e, dtype=float))
+    root: FloatArray = (axes * np.sqrt(SHARED * np.maximum(values, 0.0))) @ axes.T
+    return root

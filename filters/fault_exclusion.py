@@ -31,6 +31,8 @@ def consistent_rows(
     sigma: ArrayLike,
     significance: float,
     accept: Callable[[NDArray[np.bool_]], bool] = lambda keep: True,
+    trusted: int = 0,
+    margin: float = 0.0,
 ) -> NDArray[np.bool_] | None:
     """Return the mask of the largest consistent set of rows, or None if it cannot be told.
 
@@ -43,6 +45,11 @@ def consistent_rows(
         Probability that the test accuses fault-free rows.
     accept : callable
         Last word on a mask that passes the test, for conditions beside it (geometry).
+    trusted : int
+        So many rows, the last ones, are never accused: what is known beforehand.
+    margin : float
+        Rows accused by sets of the same size whose χ² is not worse than the best one's by this
+        much are left out too: any of them may be the culprit.
 
     Notes
     -----
@@ -59,16 +66,19 @@ def consistent_rows(
         return keep
     while True:
         inside = np.flatnonzero(keep)
+        suspects = inside[inside < n - trusted]
         for count in (1, 2, 3):
             gone = n - inside.size + count
-            if n - p < 2 * gone:
+            if n - p < 2 * gone or suspects.size < count:
                 return None
-            sets = inside[_combinations(inside.size, count)]
+            sets = suspects[_combinations(suspects.size, count)]
             chi2 = _chi2_without(h, y, inside, sets)
             order = np.argsort(chi2)
             for candidate in order[chi2[order] <= chi2_limit(significance, n - p - gone)]:
                 trial = keep.copy()
                 trial[sets[candidate]] = False
+                if margin:
+                    trial[sets[chi2 <= chi2[candidate] + margin]] = False
                 if accept(trial):
                     return trial
         keep[sets[order[0]]] = False

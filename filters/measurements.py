@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from filters.earth import OMEGA_IE_E, OMEGA_IE_SKEW
-from filters.error_model import ATT, GYRO_BIAS, POS, VEL
+from filters.error_model import ATT, GYRO_BIAS, POS, SHARED, VEL, shared_root
 from filters.rotation import FloatArray, skew
 from filters.strapdown import NavState
 
@@ -74,6 +74,29 @@ def position(
     return Measurement(z, H, np.asarray(cov_e, dtype=float))
 
 
+def with_shared_error(
+    position: Measurement, cov_e: ArrayLike, shared: slice, estimate: ArrayLike
+) -> Measurement:
+    """Return a position whose error is mostly that of the positions around it.
+
+    Parameters
+    ----------
+    position : Measurement
+        See `position`; its R is `cov_e` and what else there is.
+    cov_e : array_like, shape (3, 3)
+        Covariance of the position's own error [m²]: of it, the share `SHARED` is in common.
+    shared : slice
+        `ErrorModel.fix_bias`.
+    estimate : array_like, shape (3,)
+        Present estimate of those states.
+    """
+    root = shared_root(cov_e)
+    H = position.H.copy()
+    H[:, shared] = root
+    R = position.R - SHARED * np.asarray(cov_e, dtype=float)
+    return Measurement(position.z - root @ np.asarray(estimate, dtype=float), H, R)
+
+
 def velocity(
     state: NavState,
     states: int,
@@ -113,13 +136,17 @@ def range_rates(
     sigma: ArrayLike,
     lever_b: ArrayLike,
     omega_b: ArrayLike,
+    clock: int | None = None,
+    clock_drift: float = 0.0,
 ) -> Measurement:
-    """Doppler of two or more satellites of one epoch, the receiver's clock drift eliminated.
+    """Doppler of satellites of one epoch.
 
-    Each row says z = e·v_antenna − cδṫ_r + noise (DDIA-VE eq. 5). The whitened rows are turned so
-    that the clock stands in one of them, which is dropped: n rows become n − 1 of unit variance,
-    without a choice of reference satellite. For two rows this is eq. (14), v_AB = e_AB·v, as a
-    scalar measurement: no division by k, and nothing assumed about where the vehicle points.
+    Each row says z = e·v_antenna − cδṫ_r + noise (DDIA-VE eq. 5). Where the receiver's clock drift
+    is a state, that is the measurement, whitened. Where it is not, it is eliminated: the whitened
+    rows are turned so that the clock stands in one of them, which is dropped. n ≥ 2 rows become
+    n − 1 of unit variance, without a choice of reference satellite; for two this is eq. (14),
+    v_AB = e_AB·v, as a scalar measurement: no division by k, and nothing assumed about where the
+    vehicle points.
 
     Parameters
     ----------
@@ -129,12 +156,20 @@ def range_rates(
         Lines of sight from receiver to satellite.
     z, sigma : array_like, shape (n,)
         [m/s].
+    clock : int, optional
+        Index of the clock drift in the error state.
+    clock_drift : float
+        Its present estimate [m/s].
     """
     e, sigma = np.asarray(e_e, dtype=float), np.asarray(sigma, dtype=float)
     antenna = velocity(state, states, np.zeros(3), np.eye(3), lever_b, omega_b)
     predicted = antenna_velocity(state, omega_b, lever_b)
     weight = 1.0 / sigma
     residual = weight * (np.asarray(z, dtype=float) - e @ predicted)
+    if clock is not None:
+        H = (weight[:, None] * e) @ antenna.H
+        H[:, clock] = -weight
+        return Measurement(residual + weight * clock_drift, H, np.eye(len(sigma)))
     # Complement of the clock's direction: the last columns of a full QR of it.
     free = np.linalg.qr(weight[:, None], mode="complete")[0][:, 1:].T
     H = free @ (weight[:, None] * e) @ antenna.H

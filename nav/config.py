@@ -101,6 +101,9 @@ class FilterConfig:
         IMU preset that replaces the one the sequence declares; '' keeps it.
     gate_probability : float
         Probability with which a correct measurement is refused; 0 switches the gates off.
+    gate_width : float
+        Positions and velocities whose innovation is up to so many times as large as the gate
+        allows are weighted down until it is not, instead of being refused; 1: none.
     gate_patience : int
         After so many refusals in a row of one kind of update, the covariance is doubted
         instead: it is enlarged, tenfold at most, and the update tried again. 0: never.
@@ -114,6 +117,7 @@ class FilterConfig:
     bias_model: str = "random-walk"
     imu: str = ""
     gate_probability: float = 1e-4
+    gate_width: float = 2.0
     gate_patience: int = 10
     smooth: bool = False
     output_rate_hz: float = 10.0
@@ -128,6 +132,8 @@ class FilterConfig:
             raise ConfigError(
                 f"filter.gate_probability: expected 0 ≤ p < 1, found {self.gate_probability}"
             )
+        if not self.gate_width >= 1.0:
+            raise ConfigError(f"filter.gate_width: expected ≥ 1, found {self.gate_width}")
         _positive("filter.gate_patience", self.gate_patience, zero=True)
         _positive("filter.output_rate_hz", self.output_rate_hz, zero=True)
 
@@ -152,6 +158,10 @@ class GnssConfig:
     below_four : {'rows', 'ddia', 'off'}
         What Doppler does where least squares has no velocity but two satellites are usable: each
         satellite difference as a measurement, DDIA-VE's velocity, or nothing.
+    forward_motion : {'auto', 'on', 'off'}
+        Whether 'rows' of two or three satellites come with what DDIA-VE assumes, that the car
+        goes where it points; 'auto': where the mounting is declared. Without effect where the
+        vehicle's constraints say so anyway.
     ddia_min_k : float
         |SDV·RMD| below which DDIA-VE has no velocity.
     ddia_min_cn0_dbhz : float
@@ -169,9 +179,19 @@ class GnssConfig:
     code_sigma_m : float
         Pseudorange noise at the zenith that single-point positioning assumes, multipath
         included; a street needs more than a roof.
+    code_weak_sigma_m : float
+        What reflections add to it at 45 dB-Hz; tenfold at 25 dB-Hz, no less above.
     doppler_sigma_mps, doppler_floor_mps : float
         Range-rate noise: its thermal part at 45 dB-Hz, and what stays however strong the signal
         (`velocity.range_rate.DopplerNoise`).
+    clock_walk_mps : float
+        Random walk of the receiver's clock drift, a state of the filter [m/s/√s]; 0: it is
+        eliminated from every epoch instead. A receiver's quartz stays well below the default.
+    doppler_hold_off_s : float
+        How long a satellite whose Doppler disagreed with the filter is not believed.
+    position_correlation_s : float
+        Correlation time of the errors of single-point positions, which are then a state; 0: each
+        position's error is its own. Positions a set carries and relative ones are taken as such.
     position_sigma_scale, velocity_sigma_scale : float
         Factor on the standard deviations of positions and velocities.
     position_sigma_floor_m, velocity_sigma_floor_mps : float
@@ -183,6 +203,7 @@ class GnssConfig:
     base_position_e_m: tuple[float, ...] = ()
     velocity: str = "auto"
     below_four: str = "rows"
+    forward_motion: str = "auto"
     ddia_min_k: float = 0.2
     ddia_min_cn0_dbhz: float = 40.0
     elevation_mask_deg: float = 10.0
@@ -190,9 +211,13 @@ class GnssConfig:
     ionosphere: str = "broadcast"
     troposphere: str = "saastamoinen"
     raim: bool = True
-    code_sigma_m: float = 3.0
+    code_sigma_m: float = 1.0
+    code_weak_sigma_m: float = 2.5
     doppler_sigma_mps: float = 0.06
     doppler_floor_mps: float = 0.04
+    clock_walk_mps: float = 0.1
+    doppler_hold_off_s: float = 5.0
+    position_correlation_s: float = 10.0
     position_sigma_scale: float = 1.0
     velocity_sigma_scale: float = 1.0
     position_sigma_floor_m: float = 0.02
@@ -209,6 +234,7 @@ class GnssConfig:
             )
         _choice("gnss.velocity", self.velocity, ("auto", "doppler", "carried", "none"))
         _choice("gnss.below_four", self.below_four, ("rows", "ddia", "off"))
+        _choice("gnss.forward_motion", self.forward_motion, ("auto", "on", "off"))
         _choice("gnss.ionosphere", self.ionosphere, ("broadcast", "off"))
         _choice("gnss.troposphere", self.troposphere, ("saastamoinen", "off"))
         for name in (
@@ -217,7 +243,8 @@ class GnssConfig:
             _positive(f"gnss.{name}", getattr(self, name))
         for name in (
             "position_sigma_floor_m", "velocity_sigma_floor_mps", "min_cn0_dbhz", "ddia_min_k",
-            "ddia_min_cn0_dbhz", "doppler_sigma_mps",
+            "ddia_min_cn0_dbhz", "doppler_sigma_mps", "clock_walk_mps", "doppler_hold_off_s",
+            "position_correlation_s", "code_weak_sigma_m",
         ):  # fmt: skip
             _positive(f"gnss.{name}", getattr(self, name), zero=True)
         if not -90.0 <= self.elevation_mask_deg < 90.0:

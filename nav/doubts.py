@@ -67,7 +67,7 @@ def _of(kind: str, tested: list[Update], gate_probability: float) -> Iterator[st
         if kind in _CONSTRAINTS:
             cause = "the vehicle moved as the constraint says it cannot, or its σ is too small"
         yield f"{text}; {expected:.1g} would be chance: {cause}"
-    enlarged = [u.time for u in tested if u.accepted and u.reason]
+    enlarged = [u.time for u in tested if u.accepted and u.reason.startswith("covariance enlarged")]
     if enlarged:
         yield (
             f"doubtful: {kind}: after refusals in a row the covariance was enlarged "

@@ -45,10 +45,13 @@ class GnssEvent:
     reason : str
         Why it cannot be used; '' when it can.
     observations : GnssObservations, optional
-        Of kind 'doppler': the usable rows of an epoch without a least-squares velocity. Lines of
-        sight are left to the filter, which knows best where it is: 1 km is 0.2 m/s.
+        Usable rows of an epoch with Doppler; of kind 'doppler' where they give no least-squares
+        velocity. Lines of sight are left to the filter, which knows best where it is: 1 km is
+        0.2 m/s.
     epoch : DopplerEpoch, optional
         Doppler of the epoch for alignment in motion, whatever became of its velocity.
+    shared : bool
+        Whether most of a position's error is that of the positions around it.
     """
 
     time: float
@@ -59,6 +62,7 @@ class GnssEvent:
     reason: str = ""
     observations: GnssObservations | None = None
     epoch: DopplerEpoch | None = None
+    shared: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +77,8 @@ class GnssTimeline:
 
 #: Fewer rows of a satellite than this say nothing about it.
 _MANY = 30
+#: 1σ per axis added to a least-squares velocity that no residual has checked [m/s].
+_UNCHECKED = 3.0
 _NOTHING = np.full(3, np.nan), np.full((3, 3), np.nan)
 
 
@@ -229,11 +235,12 @@ def _single_point(
         troposphere=config.troposphere,
         raim=config.raim,
         code_sigma=config.code_sigma_m,
+        weak_sigma=config.code_weak_sigma_m,
     )
     where = _Whereabouts(spp.fixes.time, spp.fixes.pos_e, spp.clock / SPEED_OF_LIGHT)
     scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
     events = [
-        GnssEvent(time, "position", pos_e, inflated(cov, scale, floor), satellites)
+        GnssEvent(time, "position", pos_e, inflated(cov, scale, floor), satellites, shared=True)
         for time, pos_e, cov, satellites in zip(
             where.time - where.clock,
             spp.fixes.pos_e,
@@ -322,9 +329,11 @@ def _doppler(
         kept = here.take(~np.isin(here.row, found.rejected)) if found.rejected else here
         offer = DopplerEpoch(at, where.at(np.array([time]))[0], kept) if len(kept) else None
         if found.ok:
-            cov = inflated(found.cov_e, scale, floor)
+            # Four satellites fit any velocity; one reflected among them is not rare.
+            cov = inflated(found.cov_e, scale, floor if found.dof else np.hypot(floor, _UNCHECKED))
+            raw = observations.take(here.row)
             events.append(
-                GnssEvent(at, "velocity", found.vel_e, cov, found.satellites, epoch=offer)
+                GnssEvent(at, "velocity", found.vel_e, cov, found.satellites, "", raw, offer)
             )
             continue
         names = tuple(map(str, here.sat))

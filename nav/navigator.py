@@ -122,6 +122,7 @@ class Navigator:
         self._model = ErrorModel(
             spec, config.filter.states, config.filter.bias_model,
             self._vehicle.odometer is not None,
+            config.gnss.clock_walk_mps, config.gnss.position_correlation_s,
         )  # fmt: skip
         self._finder = StartFinder(self._stream, calibration, config.alignment, self._model)
         self._kept: list[GnssEvent] = []

@@ -66,9 +66,14 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
     spec = imu_preset(config.filter.imu) if config.filter.imu else sequence.calibration.imu
     vehicle = VehicleConstraints(sequence.calibration, config.vehicle, sequence.odometer)
+    # A state that no measurement sees changes nothing but the time it takes.
+    raw = any(e.observations is not None for e in timeline.events)
+    shared = any(e.shared for e in timeline.events)
     model = ErrorModel(
-        spec, config.filter.states, config.filter.bias_model, vehicle.odometer is not None
-    )
+        spec, config.filter.states, config.filter.bias_model, vehicle.odometer is not None,
+        config.gnss.clock_walk_mps if raw else 0.0,
+        config.gnss.position_correlation_s if shared else 0.0,
+    )  # fmt: skip
     report(0.0, "alignment")
     began = time.perf_counter()
     start = find_start(timeline.events, stream, sequence.calibration, config.alignment, model)

@@ -18,6 +18,8 @@ from nav.config import VehicleConfig
 _IDLE_GYRO, _IDLE_ACCEL = np.radians(0.3), 0.15
 #: Mean rate that a standing vehicle cannot have beyond its bias [rad/s].
 _TURNING = np.radians(0.3)
+#: The last part of the window, and the change of specific force in it that is setting off [m/s²].
+_RECENT, _STEP = 5, 0.1
 #: A standstill is only believed where the filter's own speed allows it: a car that cruises on a
 #: smooth road is as quiet as one that stands.
 _SLOW, _KNOWN = 0.5, 1.0
@@ -42,10 +44,19 @@ class VehicleConstraints:
         wanted = config.odometer == "on" or (config.odometer == "auto" and mounted)
         self.odometer = odometer if wanted and odometer is not None else None
 
-    def offered(self, kalman: ErrorStateFilter) -> Iterator[tuple[str, Measurement]]:
-        """Yield kind and measurement of what holds now; each is made when it is its turn."""
+    def offered(
+        self, kalman: ErrorStateFilter, credible: bool = True
+    ) -> Iterator[tuple[str, Measurement]]:
+        """Yield kind and measurement of what holds now; each is made when it is its turn.
+
+        Parameters
+        ----------
+        kalman : ErrorStateFilter
+        credible : bool
+            Whether the filter's speed may be believed in telling a standstill.
+        """
         config, n = self.config, kalman.model.size
-        mean = self._standstill(kalman)
+        mean = self._standstill(kalman) if credible else None
         if mean is not None:
             if config.zupt:
                 yield "zupt", constraints.zero_velocity(kalman.state, n, config.sigma_zupt_mps)
@@ -96,6 +107,10 @@ class VehicleConstraints:
         own_gyro, own_accel = imu.gyro_noise_density / dt**0.5, imu.accel_noise_density / dt**0.5
         quiet = (gyro.std(axis=0) < 2.0 * own_gyro + _IDLE_GYRO).all()
         quiet &= (accel.std(axis=0) < 2.0 * own_accel + _IDLE_ACCEL).all()
+        # A car that moves off is quiet until now: has the force of the last moment changed?
+        recent = max(len(accel) // _RECENT, 1)
+        step = np.abs(accel[-recent:].mean(axis=0) - accel[:-recent].mean(axis=0))
+        quiet &= (step < 4.0 * own_accel / recent**0.5 + _STEP).all()
         mean = gyro.mean(axis=0)
         bias_sigma = 3.0 * np.sqrt(np.diag(kalman.P)[GYRO_BIAS])
         still = (np.abs(mean - kalman.bias[:3]) < _TURNING + bias_sigma).all()

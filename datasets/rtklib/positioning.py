@@ -65,6 +65,7 @@ def single_point(
     raim: bool = True,
     significance: float = 1e-3,
     code_sigma: float = 0.9,
+    weak_sigma: float = 0.0,
 ) -> SinglePoint:
     """Return single-point positions from the usable rows, epoch by epoch (RTKLIB pntpos).
 
@@ -89,6 +90,9 @@ def single_point(
         Probability that the test accuses a fault-free epoch.
     code_sigma : float
         Pseudorange noise at the zenith, 1σ [m]; it grows by √(1 + 1/sin elevation).
+    weak_sigma : float
+        What reflections add at 45 dB-Hz, 1σ [m]: tenfold at 25 dB-Hz, no less above. A signal
+        that is weak has met something on its way.
 
     Returns
     -------
@@ -102,7 +106,7 @@ def single_point(
         are left out by RTKLIB.
     """
     options = _spp_options(elevation_mask, ionosphere, troposphere, code_sigma)
-    engine = _PointEngine(load_navigation(navigation), options, observations)
+    engine = _PointEngine(load_navigation(navigation), options, observations, weak_sigma)
     take = observations.usable & ~(observations.cn0 < min_cn0)
     take &= np.isfinite(observations.pseudorange)
     found: list[_Point] = []
@@ -127,6 +131,10 @@ def single_point(
     return _single_point(found, failed, rejected, observations)
 
 
+#: C/N0 of a signal that nothing weakens [dB-Hz].
+_STRONG = 45.0
+
+
 class _Point(NamedTuple):
     """One pntpos solution, linearised: residuals = H·δx + ε for the rows it used."""
 
@@ -142,8 +150,11 @@ class _Point(NamedTuple):
 class _PointEngine:
     """pntpos with its buffers, fed by rows of the observations."""
 
-    def __init__(self, nav: Any, options: Any, observations: GnssObservations) -> None:
+    def __init__(
+        self, nav: Any, options: Any, observations: GnssObservations, weak_sigma: float = 0.0
+    ) -> None:
         self._nav, self._options, self._obs = nav, options, observations
+        self._weak_sigma = weak_sigma
         self._number = {s: rtk.satid2no(str(s)) for s in np.unique(observations.sat)}
         self._code = {s: rtk.obs2code(str(s)) for s in np.unique(observations.signal)}
         self._message, self._skyview = rtk.Arr1Dchar(128), rtk.Arr1Ddouble(2 * rtk.MAXOBS)
@@ -181,7 +192,7 @@ class _PointEngine:
         letter = self._obs.sat[used].astype("<U1")
         letter[letter == "J"] = "G"  # QZSS runs on the clock of GPS
         clocks = letter[:, None] == np.unique(letter)
-        return _Point(
+        point = _Point(
             pos_e,
             q[[0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(3, 3),
             SPEED_OF_LIGHT * solution.dtr[0],
@@ -189,6 +200,26 @@ class _PointEngine:
             np.column_stack([-e_e, clocks]),
             residuals,
             self._sigma(used, pos_e, azimuth, elevation),
+        )
+        return point if self._weak_sigma == 0.0 else self._reweighted(point, letter)
+
+    def _reweighted(self, point: _Point, letter: NDArray[np.str_]) -> _Point:
+        """Return the solution with weak signals weighted down: one more step from RTKLIB's.
+
+        RTKLIB knows a weight by C/N0 too, but takes C/N0 from the epoch before.
+        """
+        lost = np.maximum(_STRONG - np.nan_to_num(self._obs.cn0[point.used], nan=_STRONG), 0.0)
+        sigma = np.hypot(point.sigma, self._weak_sigma * 10.0 ** (lost / 20.0))
+        weighted = point.H / sigma[:, None]
+        inverse = np.linalg.pinv(weighted)
+        step = inverse @ (point.residuals / sigma)
+        gps = int(np.argmax(np.unique(letter) == "G"))
+        return point._replace(
+            pos_e=point.pos_e + step[:3],
+            cov_e=(inverse @ inverse.T)[:3, :3],
+            clock=point.clock + float(step[3 + gps]),
+            residuals=point.residuals - point.H @ step,
+            sigma=sigma,
         )
 
     def _fill(self, record: Any, row: int) -> None:

@@ -438,3 +438,32 @@ def test_fault_test_weighs_as_pntpos_does(data_dir, systems):
     point = engine.solve(np.flatnonzero(obs.usable[rows]))
     covariance = np.linalg.inv(point.H.T @ (point.H / point.sigma[:, None] ** 2))[:3, :3]
     np.testing.assert_allclose(covariance, point.cov_e, rtol=1e-5)
+
+
+def test_weak_signals_are_weighted_down_by_one_more_least_squares_step(data_dir):
+    folder = data_dir / "instinct" / "tckf_static"
+    nav = [folder / "reach-m2-01_raw_202306291111.nav"]
+    obs = read_observations(folder / "reach-m2-01_raw_202306291111.23O", nav, systems="GE")
+    options = _spp_options(np.radians(10.0), "broadcast", "saastamoinen", 1.0)
+    _, rows = next(obs.epochs())
+    use = np.flatnonzero(obs.usable[rows])
+    plain = _PointEngine(load_navigation(nav), options, obs).solve(use)
+    weighted = _PointEngine(load_navigation(nav), options, obs, 2.5).solve(use)
+    added = np.sqrt(weighted.sigma**2 - plain.sigma**2)
+    expected = 2.5 * 10.0 ** (np.maximum(45.0 - obs.cn0[weighted.used], 0.0) / 20.0)
+    np.testing.assert_allclose(added, expected)
+    # The normal equations hold, and the covariance is that of these weights.
+    whitened = weighted.H / weighted.sigma[:, None]
+    gradient = whitened.T @ (weighted.residuals / weighted.sigma)
+    before = whitened.T @ (plain.residuals / weighted.sigma)
+    assert np.abs(gradient).max() < 1e-6 * np.abs(before).max()
+    np.testing.assert_allclose(
+        weighted.cov_e, np.linalg.inv(whitened.T @ whitened)[:3, :3], rtol=1e-6
+    )
+    step = weighted.pos_e - plain.pos_e
+    np.testing.assert_allclose(
+        plain.residuals - weighted.residuals, plain.H[:, :3] @ step
+        + plain.H[:, 3:] @ np.linalg.lstsq(
+            plain.H[:, 3:], plain.residuals - weighted.residuals - plain.H[:, :3] @ step, rcond=None
+        )[0], atol=1e-6,
+    )  # fmt: skip

@@ -200,8 +200,9 @@ def test_fixes_without_velocity_rows_are_logged():
 def test_what_was_navigated_before_a_divergence_is_kept():
     sequence = carried_drive()
     accel_b = sequence.imu.accel_b.copy()
-    accel_b[15000:15010] = 1e39  # as large as a sequence takes
-    imu = ImuData(sequence.imu.time, sequence.imu.gyro_b, accel_b)
+    accel_b[15000:15010] = 1e200  # finite; its square is not
+    imu = ImuData(sequence.imu.time, sequence.imu.gyro_b, sequence.imu.accel_b)
+    object.__setattr__(imu, "accel_b", accel_b)  # which a sequence would refuse
     with np.errstate(all="ignore"):
         solution = navigate(dataclasses.replace(sequence, imu=imu), config_with())
     sound = navigate(sequence, config_with())
@@ -210,3 +211,24 @@ def test_what_was_navigated_before_a_divergence_is_kept():
     np.testing.assert_array_equal(solution.trajectory.pos_e, sound.trajectory.pos_e[: time.size])
     (note,) = [n for n in solution.notes if "diverged" in n]
     assert "this solution ends at SOW" in note and "50.1 s before the data" in note
+
+
+def test_a_fix_a_little_beyond_the_gate_is_weighted_down_not_refused():
+    sequence = carried_drive(3)
+    fixes = sequence.fixes
+    jump = np.zeros_like(fixes.pos_e)
+    jump[80] = fixes.pos_e[80] / np.linalg.norm(fixes.pos_e[80]) * 4.0
+    shifted = dataclasses.replace(fixes, pos_e=fixes.pos_e + jump)
+    jumped = dataclasses.replace(sequence, fixes=shifted)
+    soft = navigate(jumped, config_with(filter={"gate_width": 2.0}))
+    hard = navigate(jumped, config_with(filter={"gate_width": 1.0}))
+    at = fixes.time[80]
+    said = {
+        name: next(u for u in s.updates if u.kind == "position" and abs(u.time - at) < 1e-6)
+        for name, s in (("soft", soft), ("hard", hard))
+    }
+    assert said["soft"].accepted and said["soft"].reason.startswith("weighted down")
+    assert not said["hard"].accepted
+    # Weighted down to the gate it moves the solution by a fraction of its jump.
+    off = evaluate(soft, jumped).metrics["position_3d_rms_m"]
+    assert off < 1.2 * evaluate(hard, jumped).metrics["position_3d_rms_m"]

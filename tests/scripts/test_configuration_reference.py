@@ -24,7 +24,7 @@ def test_every_key_has_its_row_and_its_default(script):
         for field in dataclasses.fields(part):
             assert field.name in found
             assert len(found[field.name][3]) > 5
-    assert found["code_sigma_m"][1] == "`3.0`" and found["smooth"][1] == "`false`"
+    assert found["sigma_heading_deg"][1] == "`2.0`" and found["smooth"][1] == "`false`"
 
 
 def test_names_that_share_an_entry_share_its_text(script):
