@@ -293,6 +293,10 @@ def check_velocity(
     }
     best = min(remedies, key=lambda remedy: apart(remedies[remedy]))
     fits = apart(remedies[best]) < 0.5 * limit
+    slower = float(np.median(np.linalg.norm(between_n, axis=1)) / np.median(speed[use]))
+    for unit, seconds in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+        if abs(slower / seconds - 1.0) < 0.2:
+            best, fits = f'the stamps are in {unit}, not seconds: time_unit = "{unit}"', True
     raise DataError(
         f"velocity declared {declared} contradicts the positions: {found:.3g} m/s from their "
         f"differences (median), expected < {limit:.2g} m/s",

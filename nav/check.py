@@ -43,6 +43,13 @@ _CONSEQUENCES = (
     (("gravity", "fatal"), "accelerometer noise"),
     (("gravity", "fatal"), "accelerometer axes"),
     (("time, reference and GNSS", "doubtful"), "time, IMU and reference"),
+    *(
+        (("IMU sampling", "fatal"), subject)
+        for subject in (
+            *("gyro", "gyro noise", "gyro bias"),
+            *("accelerometer", "accelerometer noise", "accelerometer axes"),
+        )
+    ),
 )
 
 

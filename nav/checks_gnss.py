@@ -219,7 +219,7 @@ def fixes(found: GnssFixes, tracks: Tracks) -> list[Finding]:
     out = [*_height(found), *_covariance(found)]
     if tracks.coarse is not None:
         out += _elsewhere(found, tracks.coarse)
-    out += _velocity_axes(found)
+    out += _velocity_axes(found, computable=tracks.doppler is not None)
     return out
 
 
@@ -268,9 +268,12 @@ def _elsewhere(found: GnssFixes, coarse: Track) -> list[Finding]:
     return [Finding("note", "GNSS position", text, "", numbers)]
 
 
-def _velocity_axes(found: GnssFixes) -> list[Finding]:
+def _velocity_axes(found: GnssFixes, computable: bool) -> list[Finding]:
     """Compare displacements with velocities, and where they contradict, say how."""
     subject = "GNSS velocity"
+    if not found.has_velocity.any() and not computable:
+        remedy = "declare the columns of the velocity; of speed and course make north and east"
+        return [Finding("fatal", subject, "none: a run has nothing to start from", remedy)]
     if found.has_velocity.sum() < 20:
         what = "too few" if found.has_velocity.any() else "the positions carry no velocity"
         return [Finding("note", subject, what)]

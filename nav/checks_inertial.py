@@ -26,6 +26,8 @@ _FROZEN_FATAL = 0.2  # share of the recording
 _NOISE_FACTOR = 10.0
 #: Scatter of the sample interval, relative to it, that only a logger's clock shows.
 _JITTER = 0.2
+#: No inertial sensor waits so long [s].
+_TOO_LONG = 1.0
 _SENSORS = ("gyro", "accelerometer")
 _DEG_PER_H = np.pi / 180.0 / 3600.0
 
@@ -171,6 +173,10 @@ def sampling(imu: ImuData) -> list[Finding]:
         remedy = "the stamps are those of the logger, not of the sensor: rebuild them from a count"
     elif usual > 0.05:
         severity, remedy = "doubtful", "a car needs 50 Hz or more"
+    if usual > _TOO_LONG:
+        severity = "fatal"
+        found = f"a sample every {usual:.4g} s: stamps in another unit than declared?"
+        remedy = 'declare the unit of its time (time_unit = "ms", "us" or "ns")'
     return [Finding(severity, "IMU sampling", found, remedy, numbers)]
 
 

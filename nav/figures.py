@@ -87,7 +87,7 @@ def gnss_state(result: Result) -> np.ndarray:
 
 def state_names(result: Result) -> tuple[str, str, str]:
     """Return the names of the three states of `gnss_state`."""
-    if result.solution.epochs.time.size:
+    if (result.solution.epochs.usable >= 0).any():
         return ("≥ 4 satellites usable", "2–3 usable", "fewer than 2 usable")
     return ("position fixes accepted", "", "no position accepted")
 
@@ -142,9 +142,9 @@ def track(result: Result) -> Figure:
 
 
 def satellites(result: Result) -> Figure | None:
-    """Draw satellites tracked and usable over time; None without observations."""
+    """Draw satellites tracked and usable over time; None where nothing tells them."""
     epochs = result.solution.epochs
-    if not epochs.time.size:
+    if not (epochs.usable >= 0).any():
         return None
     figure = Figure(figsize=(WIDTH, 2.5))
     axes = figure.subplots()

@@ -134,7 +134,7 @@ class Epochs:
     time : ndarray, shape (m,)
         GPS time [s].
     tracked, usable : ndarray of int, shape (m,)
-        Satellites in the data, and satellites left after screening (with Doppler).
+        Satellites in the data, and satellites left after screening (with Doppler); −1: unknown.
     """
 
     time: FloatArray

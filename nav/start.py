@@ -180,7 +180,10 @@ class StartFinder:
         if self.method == "certified":
             raise AlignmentError(self._why_not_certified())
         if missing:
-            raise AlignmentError(f"no usable GNSS {missing[0]}, so there is nothing to start from")
+            raise AlignmentError(
+                f"no usable GNSS {missing[0]}, so there is nothing to start from — `certnav check` "
+                "says what the recording holds"
+            )
         if not self._pairs:
             raise AlignmentError(
                 f"no GNSS velocity with a position within {_POSITION_NEAR} s inside the IMU data"

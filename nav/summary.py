@@ -19,9 +19,10 @@ def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) ->
 
     ``duration_s`` is the span of the solution, ``alignment.time_s`` the wait from the start of the
     data to the first solution epoch (whose GPS time is ``gps_time_s``), ``epochs`` counts GNSS
-    epochs by usable satellites.
+    epochs by usable satellites, of those that say how many (ready-made fixes may not).
     """
     time, usable = solution.trajectory.time, solution.epochs.usable
+    usable = usable[usable >= 0]
     alignment, calibration = solution.alignment, sequence.calibration
     return {
         "name": solution.name,

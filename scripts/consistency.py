@@ -57,6 +57,8 @@ WORLDS = {
     "suburb": "single-point positions and Doppler, few reflections",
     "urban": "the same between tall buildings",
 }
+#: Heading of the section that is written by hand.
+SECTION = "## What it says"
 COMMAND = (
     "python scripts/consistency.py --seeds {seeds} --out docs/consistency.md "
     "--figure docs/figures/consistency.png"
@@ -232,6 +234,12 @@ def real() -> dict[str, dict[str, Innovations]]:
     return out
 
 
+def by_hand(old: str) -> str:
+    """Return the section of a page that is written by hand, to be kept."""
+    found = old.find(SECTION)
+    return "\n" + old[found:] if found >= 0 else ""
+
+
 def page(
     worlds: dict[str, World], recordings: dict[str, dict[str, Innovations]], seeds: int
 ) -> str:
@@ -239,6 +247,10 @@ def page(
     lines = [
         "# Is the covariance honest?", "", f"Made by `{COMMAND.format(seeds=seeds)}`.", "",
         "![NEES over time with 95 % bounds, and innovations by kind](figures/consistency.png)", "",
+        "A filter states its accuracy with every epoch; two figures test whether to believe it. "
+        "NEES is the square of the error in units of the stated σ, summed over three components: "
+        "it needs the truth. NIS is the same of an innovation, the difference between a "
+        "measurement and its prediction: it needs none.", "",
         f"## NEES, {seeds} simulated drives of {DURATION:.0f} s each", "",
         f"Against the truth, from {SETTLED:.0f} s after alignment on. 3 is right; above, errors "
         "are larger than the covariance says, below, smaller. *Inside*: share of seconds at which "
@@ -247,7 +259,7 @@ def page(
         "|---|" + "---|---|" * len(PARTS),
     ]  # fmt: skip
     for name, world in worlds.items():
-        cells = (f"{world.mean(p):.1f} | {100 * world.inside(p):.0f} %" for p in PARTS)
+        cells = (f"{world.mean(p):.2g} | {100 * world.inside(p):.0f} %" for p in PARTS)
         lines.append(f"| {name}: {WORLDS[name]} | " + " | ".join(cells) + " |")
     lines += [
         "", "## Innovations", "",
@@ -296,7 +308,7 @@ def draw(
         low, high = bounds(3 * drives)
         panel.axhspan(3 * low, 3 * high, color="#DCDFE4", zorder=0, label="95 % of χ²")
         panel.axhline(3.0, color="#8A8F98", lw=0.8, zorder=1)
-        panel.set_ylim(0.05, 60.0)
+        panel.set_ylim(0.01, 60.0)
         panel.set(yscale="log", ylabel=f"NEES of {part} [–]")
     axes[0].legend(ncols=4, frameon=False, fontsize=8, loc="upper center",
                    bbox_to_anchor=(0.5, 1.25))  # fmt: skip
@@ -359,7 +371,9 @@ def main() -> int:
     if arguments.json:
         print(json.dumps(as_dict(worlds, recordings), indent=2, default=float))
     elif arguments.out is not None:
-        arguments.out.write_text(page(worlds, recordings, arguments.seeds), encoding="utf-8")
+        old = arguments.out.read_text(encoding="utf-8") if arguments.out.exists() else ""
+        new = page(worlds, recordings, arguments.seeds) + by_hand(old)
+        arguments.out.write_text(new, encoding="utf-8")
     else:
         print(page(worlds, recordings, arguments.seeds))
     return 0

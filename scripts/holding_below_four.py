@@ -34,12 +34,14 @@ from nav.compare import Comparison, SpellFigures, as_dict, compare
 from nav.config import Config, GnssConfig, from_tables
 from nav.degradation import parse_outages
 from nav.evaluation import evaluate
-from nav.methods import parse_methods
+from nav.methods import METHODS, parse_methods
 from nav.pipeline import navigate
 from nav.summary import strict
 
 LIVE = "lc4,lc+ddia,lc+rows,lc4+vehicle,lc+ddia+vehicle,lc+rows+vehicle"
 SMOOTHED = ",".join(f"{name}+smooth" for name in LIVE.split(","))
+#: Every method that has a position.
+POSITIONS = ",".join(name for name, method in METHODS.items() if method.kind != "windows")
 FIXES = "lc4,lc4+vehicle,lc4+smooth,lc4+vehicle+smooth"
 
 
@@ -93,7 +95,7 @@ def comma2k19(arguments: argparse.Namespace) -> Iterable[tuple[str, dict[str, An
     for count in (2, 3):
         found = compared(
             [drive],
-            "all",
+            LIVE if arguments.live else POSITIONS,
             f"10-end:{count}",
             configuration(arguments),
             arguments.seeds,

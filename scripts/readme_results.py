@@ -80,8 +80,12 @@ def picture(result: Result, path: Path) -> None:
         axes.spines[["top", "right"]].set_visible(False)
     top.fill_between(t, bound, color=BLUE, alpha=0.2, lw=0, label="3σ the filter claims")
     top.plot(t, error, color=BLUE, lw=1.4, label="horizontal error")
-    top.set(ylabel="horizontal error [m]", ylim=(0, 1.6 * error.max()), xlim=(0, t[-1]))
-    top.legend(loc="upper left", frameon=False)
+    top.set(
+        ylabel="horizontal error [m]", xlim=(0, t[-1]), yscale="log",
+        ylim=(0.1, 2.0 * max(error.max(), bound.max())),
+    )  # fmt: skip
+    top.yaxis.set_major_formatter("{x:g}")
+    top.legend(loc="upper right", ncols=2, frameon=False)
     when = epochs.time[inside] - start
     bottom.step(when, epochs.tracked[inside], color=GREY, where="post", label="tracked")
     bottom.step(when, epochs.usable[inside], color=BLUE, where="post", label="usable")

@@ -162,7 +162,41 @@ def test_other_kinds_of_files(data_dir, tmp_path):
     }  # fmt: skip
 
 
+def test_names_of_everyday_loggers(tmp_path):
+    """Rates about axes, speeds by direction, milliseconds in the header."""
+    t, *rest = imu_columns(start=0.0, gyro=57.3)
+    names = "elapsed_ms roll_rate pitch_rate yaw_rate fwd_acc left_acc up_acc"
+    imu = write(tmp_path / "imu.csv", names, [1e3 * t, *rest])
+    k = np.arange(100.0)
+    place = [1e3 * k, 43.0 + 1e-5 * k, 11.0 + 0 * k, 100.0 + 0 * k]
+    names = "elapsed_ms Latitude Longitude Altitude north_speed east_speed down_speed"
+    gnss = write(tmp_path / "gnss.csv", names, [*place, 1.1 + 0 * k, 0 * k, 0 * k])
+    draft = drafted(imu, gnss)
+    assert draft["imu"]["gyro"] == ["roll_rate", "pitch_rate", "yaw_rate"]
+    assert draft["imu"]["accel"] == ["fwd_acc", "left_acc", "up_acc"]
+    assert draft["imu"]["time_unit"] == draft["gnss"]["time_unit"] == "ms"
+    assert draft["gnss"]["velocity"] == ["north_speed", "east_speed", "down_speed"]
+    assert (draft["gnss"]["velocity_frame"], draft["gnss"]["velocity_unit"]) == ("ned", BLANK)
+
+
+def test_what_no_name_tells_is_asked_with_the_columns_that_are_left(tmp_path):
+    k = np.arange(100.0)
+    columns = [500.0 * k, 43.0 + 1e-5 * k, 11.0 + 0 * k, 100.0 + 0 * k, 4.0 + 0 * k, 0 * k]
+    text = draft_declaration([write(tmp_path / "g.csv", "Zeit lat lon alt Tempo Kurs", columns)])
+    draft = tomllib.loads(text)["gnss"]
+    assert draft["time_unit"] == draft["velocity"] == draft["velocity_sigma_mps"] == BLANK
+    assert "stamps step by 500" in text and "north = speed cos(course)" in text
+    t, _, _, w, *accel = imu_columns()
+    apart = [t, accel[0], accel[1], accel[2], t * 0 + 20.0, w, w, w]
+    names = "t acc_x acc_y acc_z temp spin1 spin2 spin3"
+    text = draft_declaration([write(tmp_path / "i.csv", names, apart)])
+    assert tomllib.loads(text)["imu"]["gyro"] == BLANK
+    assert "spin1, spin2, spin3" in text and "nan" not in text
+
+
 def test_what_cannot_be_drafted(tmp_path):
+    with pytest.raises(DataError, match="expected files, found a folder"):
+        draft_declaration([tmp_path])
     with pytest.raises(DataError, match="no files named"):
         draft_declaration([])
     with pytest.raises(DataError, match="file not found"):

@@ -16,6 +16,7 @@ from datasets.imu_text import rates_from_increments
 from datasets.load import load, recognise
 from datasets.oakville import read_oakville
 from datasets.own_data import read_declared
+from datasets.pvt_columns import check_velocity
 from filters.earth import C_en_at, ecef_to_lla, lla_to_ecef
 from filters.errors import ConfigError, DataError, NavError
 from filters.rotation import matrix_from_rpy, rpy_from_matrix
@@ -260,6 +261,7 @@ def test_mistakes_in_the_declaration_are_one_line(drive, old, new, message):
         ('velocity_frame = "ned"', 'velocity_frame = "enu"', r"gnss\.csv: velocity declared enu"),
         ('["vn", "ve", "vd"]', '["ve", "vn", "vd"]', "east before north"),
         ('velocity_unit = "m/s"', 'velocity_unit = "km/h"', 'is in m/s: velocity_unit = "m/s"'),
+        ('["vn", "ve", "vd"]', '["ve", "vd", "vn"]', "check columns, velocity_frame"),
         ('["lat", "lon", "h"]', '["lon", "lat", "h"]', r"gnss\.csv:2: latitude, longitude"),
         ('"ecef"', '"lla"\nangle_unit = "deg"\nheight="ellipsoid"', r"ref\.csv:2: latitude"),
         ('position_frame = "lla"', 'position_frame = "ecef"', r"gnss\.csv:2: ECEF position"),
@@ -271,6 +273,28 @@ def test_physics_contradicts_a_wrong_declaration(drive, old, new, message):
     with pytest.raises(DataError, match=message) as caught:
         read_declared(folder)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6)])
+def test_stamps_in_another_unit_are_named_by_the_speed(drive, unit, factor):
+    """From no date on, their size does not tell: only displacements against velocities do."""
+    folder, _ = drive
+    fixes = read_declared(folder).fixes
+    with pytest.raises(DataError, match=f'time_unit = "{unit}"'):
+        check_velocity(
+            factor * (fixes.time - fixes.time[0]), fixes.pos_e, fixes.vel_e,
+            file=folder / "gnss.csv", declared="ned",
+        )  # fmt: skip
+
+
+def test_a_position_that_stands_still_is_not_taken_for_a_unit_of_time(drive):
+    folder, _ = drive
+    fixes = read_declared(folder).fixes
+    with pytest.raises(DataError, match="check columns, velocity_frame"):
+        check_velocity(
+            fixes.time, np.tile(fixes.pos_e[0], (len(fixes), 1)), fixes.vel_e,
+            file=folder / "gnss.csv", declared="ned",
+        )  # fmt: skip
 
 
 def test_axes_and_mounting_together_turn_the_imu(drive):

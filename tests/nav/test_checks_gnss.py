@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from datasets.sequence import GnssFixes, GnssObservations
 from filters.earth import SPEED_OF_LIGHT, C_en_at, lla_to_ecef
 from nav.checks_gnss import doppler, fixes, pseudoranges, signal_strength
-from nav.tracks import Tracks
+from nav.tracks import Track, Tracks
 
 LAT, LON = np.radians([48.0, 11.0])
 NOTHING = Tracks(None, None, None, None)
@@ -111,6 +113,14 @@ def carried(velocity=lambda v: v, place=lambda lla: lla) -> GnssFixes:
 def test_positions_and_velocities_in_order():
     found = only(fixes(carried(), NOTHING))
     assert found.severity == "note" and "also vertically" in found.found
+
+
+def test_without_any_velocity_a_run_cannot_start():
+    bare = dataclasses.replace(carried(), vel_e=np.full((len(carried()), 3), np.nan))
+    found = only(fixes(bare, NOTHING))
+    assert found.severity == "fatal" and found.subject == "GNSS velocity"
+    computable = Tracks(None, Track("Doppler", bare.time, bare.pos_e, carried().vel_e), None, None)
+    assert only(fixes(bare, computable)).severity == "note"
 
 
 @pytest.mark.parametrize(

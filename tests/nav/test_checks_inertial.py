@@ -83,6 +83,12 @@ def test_gaps_are_counted_and_timed():
     assert found.numbers["rate_hz"] == pytest.approx(RATE)
 
 
+def test_stamps_in_milliseconds_taken_for_seconds_are_fatal():
+    data = imu()
+    (found,) = sampling(ImuData(1e3 * data.time, data.gyro_b, data.accel_b))
+    assert found.severity == "fatal" and 'time_unit = "ms"' in found.remedy
+
+
 def test_jitter_of_a_logger_is_doubtful():
     data = imu()
     time = data.time + np.random.default_rng(1).uniform(-0.4, 0.4, len(data)) / RATE

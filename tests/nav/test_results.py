@@ -11,8 +11,9 @@ import pytest
 import nav.report
 from filters.errors import ConfigError, DataError
 from nav.evaluation import evaluate
+from nav.figures import gnss_state, satellites
 from nav.results import is_result, read_result, write_result
-from nav.solution import Update
+from nav.solution import Epochs, Update
 from nav.summary import count_updates, strict
 
 CONFIG = 'name = "made-up"\n[gate]\nposition = 16.27\n'
@@ -121,6 +122,18 @@ def test_summary_has_its_keys_and_is_strict(written):
     assert summary["notes"] == [*sequence.notes, *solution.notes]
     for counts in summary["updates"].values():
         assert counts["offered"] == counts["accepted"] + sum(counts["rejected"].values())
+
+
+def test_satellites_that_fixes_do_not_count_are_unknown_not_missing(drive, tmp_path, quick):
+    solution, sequence = drive(duration=20.0, observations=False)
+    time = np.array([u.time for u in solution.updates])
+    unknown = Epochs(time, np.full(time.size, -1), np.full(time.size, -1))
+    solution = dataclasses.replace(solution, epochs=unknown)
+    evaluation = evaluate(solution, sequence)
+    result = read_result(write_result(tmp_path / "x", solution, evaluation, sequence, CONFIG))
+    assert set(result.summary["epochs"].values()) == {0}
+    assert satellites(result) is None
+    assert (gnss_state(result) == 0).mean() > 0.9
 
 
 def test_without_reference_errors_are_null_and_there_is_no_error_table(drive, tmp_path, quick):
