@@ -157,7 +157,7 @@ def _check_observations_2(path: Path, lines: list[str], start: int) -> None:
             _refuse(path, k, lines, "an epoch line (year month day …)")
         count = _count(path, lines, k, 29)
         special = "2" <= lines[k][28] <= "5"
-        extra = 0 if special else -(-count // 12) - 1
+        extra = 0 if special else max(-(-count // 12) - 1, 0)
         body = k + 1 + extra
         end = body + (count if special else count * per_satellite)
         if end > len(lines):

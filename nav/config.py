@@ -216,7 +216,7 @@ class GnssConfig:
     doppler_sigma_mps: float = 0.06
     doppler_floor_mps: float = 0.04
     clock_walk_mps: float = 0.1
-    doppler_hold_off_s: float = 5.0
+    doppler_hold_off_s: float = 1.5
     position_correlation_s: float = 10.0
     position_sigma_scale: float = 1.0
     velocity_sigma_scale: float = 1.0

@@ -223,12 +223,10 @@ class FilterLoop:
         outcome = self.kalman.update(m, gate)
         if outcome.accepted or not outcome.nis <= width**2 * outcome.limit:
             return outcome, ""
-        scale = 1.0
         while not self.kalman.test(m, gate).accepted:
-            scale *= 1.2
             m = Measurement(m.z, m.H, 1.2 * m.R)
         self.kalman.update(m)
-        reason = f"weighted down: σ times {np.sqrt(scale):.1f} (NIS > {outcome.limit:.1f})"
+        reason = f"weighted down to the gate (NIS > {outcome.limit:.1f})"
         return dataclasses.replace(outcome, accepted=True), reason
 
     def _doppler(self, event: GnssEvent, rows: DopplerRows, insist: bool, checked: bool) -> Update:

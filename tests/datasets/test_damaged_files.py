@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from datasets.physics import gyro_unit_ratio
+from datasets.rinex import check_observations
 from datasets.sequence import ImuData
 from datasets.text_tables import read_lines, read_table, sampling_note
 from datasets.toml_files import parse_toml
@@ -368,3 +369,15 @@ def test_blank_lines_hide_no_columns(read, seeds, tmp_path, change, message):
     file.write_bytes(change(file.read_bytes()))
     with pytest.raises(DataError, match=message):
         read["comma2k19"](folder)
+
+
+def test_an_epoch_without_satellites_does_not_stop_the_reader(tmp_path):
+    """RINEX 2: no satellites need no continuation line, not minus one."""
+    header = (
+        "     2.11           OBSERVATION DATA    G (GPS)             RINEX VERSION / TYPE\n"
+        "     1    L1                                                # / TYPES OF OBSERV \n"
+        + " " * 60 + "END OF HEADER\n"
+    )  # fmt: skip
+    file = tmp_path / "rover.20o"
+    file.write_text(header + " 20 10 27  2 10  1.0000000  0  0\n" * 2)
+    check_observations(file)
