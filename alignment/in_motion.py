@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from alignment.inertial import InertialAlignment, align_epochs, glimpse
 from alignment.inertial_rows import DopplerEpoch, joined
 from alignment.inertial_unknowns import InertialOptions
-from alignment.initial import InitialAttitude
 from datasets.sequence import GnssObservations
 from filters.earth import EARTH_RATE
 from filters.errors import AlignmentError, ConfigError
@@ -289,22 +288,6 @@ def wait_for_alignment(
         f"{attempt.message} — a longer drive with turns, a standstill first, more satellites, or "
         "alignment.method 'level+course' or 'given' would help"
     )
-
-
-def align_in_motion(
-    stream: InertialStream,
-    observations: GnssObservations,
-    pos_e: ArrayLike,
-    lever_b: ArrayLike = (0.0, 0.0, 0.0),
-    options: MotionOptions | None = None,
-    *,
-    time: ArrayLike | None = None,
-    report: Callable[[float, str], None] | None = None,
-) -> InitialAttitude:
-    """Return the first attitude that passes every verdict; see `wait_for_alignment`."""
-    return wait_for_alignment(
-        stream, observations, pos_e, lever_b, options, time=time, report=report
-    ).initial_attitude()
 
 
 def _judged(found: InertialAlignment, options: MotionOptions) -> Attempt:

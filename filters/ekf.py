@@ -228,6 +228,20 @@ class ErrorStateFilter:
         if self.tape is not None:
             self.tape.predict(before, phi, self.P.copy())
 
+    def reconsider(self, P: FloatArray, phi: FloatArray | None = None) -> None:
+        """Put `P` in the covariance's place at this instant; the smoother learns of it.
+
+        Parameters
+        ----------
+        P : ndarray, shape (n, n)
+        phi : ndarray, shape (n, n), optional
+            What the error state is multiplied by; default: nothing happens to it.
+        """
+        if self.tape is not None:
+            phi = np.eye(self.model.size) if phi is None else phi
+            self.tape.predict(self.P.copy(), phi, P.copy())
+        self.P = P
+
     def test(self, measurement: Measurement, gate_probability: float) -> Outcome:
         """Return whitened innovation and NIS of a measurement, without applying it."""
         whitened, nis = innovation(self.P, measurement)
@@ -272,9 +286,7 @@ class ErrorStateFilter:
             if z @ np.linalg.solve(factor * S + measurement.R, z) <= z.size:
                 break
             factor = min(1.2 * factor, limit)
-        if self.tape is not None:
-            self.tape.predict(self.P.copy(), np.eye(self.model.size), self.P * factor)
-        self.P *= factor
+        self.reconsider(self.P * factor)
         return factor
 
     def doubt(self, measurement: Measurement, limit: float = 1e4) -> float:
@@ -301,11 +313,8 @@ class ErrorStateFilter:
         while factor < limit and z @ np.linalg.solve(factor * seen + R, z) > z.size:
             factor = min(1.2 * factor, limit)
         if factor > 1.0:
-            before = self.P.copy()
             more = PHt @ np.linalg.pinv(seen, rcond=1e-10, hermitian=True) @ PHt.T
-            self.P = before + (factor - 1.0) * 0.5 * (more + more.T)
-            if self.tape is not None:
-                self.tape.predict(before, np.eye(self.model.size), self.P.copy())
+            self.reconsider(self.P + (factor - 1.0) * 0.5 * (more + more.T))
         return factor
 
     def forget_clock(self) -> None:
@@ -313,12 +322,11 @@ class ErrorStateFilter:
         clock = self.model.clock
         if clock is None:
             return
-        phi, before = np.eye(self.model.size), self.P.copy()
+        phi, P = np.eye(self.model.size), self.P.copy()
         phi[clock, clock] = 0.0
-        self.P[clock], self.P[:, clock] = 0.0, 0.0
-        self.P[clock, clock] = CLOCK_DRIFT_SIGMA**2
-        if self.tape is not None:
-            self.tape.predict(before, phi, self.P.copy())
+        P[clock], P[:, clock] = 0.0, 0.0
+        P[clock, clock] = CLOCK_DRIFT_SIGMA**2
+        self.reconsider(P, phi)
 
     def _feed_back(self, x: FloatArray) -> None:
         self.pos_e += x[POS]

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from datasets.sequence import ImuData
 from filters.ekf import ErrorStateFilter
@@ -32,9 +33,9 @@ _FROZEN, _EQUAL_ROWS, _MOVING = 0.2, 5, 0.5
 Spell = tuple[float, float]
 
 
-def is_gap(step: float, interval: float) -> bool:
-    """Whether a step between IMU samples [s] is a spell without data."""
-    return step > max(_SHORTEST, _INTERVALS * interval)
+def is_gap(step: ArrayLike, interval: float) -> NDArray[np.bool_]:
+    """Whether a step between IMU samples [s], or each of several, is a spell without data."""
+    return np.asarray(step) > max(_SHORTEST, _INTERVALS * interval)
 
 
 def blind_spells(imu: ImuData, events: Iterable[GnssEvent]) -> list[Spell]:
@@ -47,7 +48,7 @@ def blind_spells(imu: ImuData, events: Iterable[GnssEvent]) -> list[Spell]:
         Their velocities tell frozen sensors from a vehicle that stands on exact data.
     """
     step = np.diff(imu.time)
-    gaps = np.flatnonzero(step > max(_SHORTEST, _INTERVALS * imu.interval))
+    gaps = np.flatnonzero(is_gap(step, imu.interval))
     spells = [(float(imu.time[k]), float(imu.time[k + 1])) for k in gaps]
     moving = [
         e.time
@@ -120,6 +121,4 @@ def _widen(kalman: ErrorStateFilter, size: float, before: float, after: float) -
     P[ATT, ATT] += TILT**2 * grown * (np.eye(3) - np.outer(up_b, up_b))
     P[ATT, ATT] += turn * np.outer(up_b, up_b)
     P[VEL, VEL] += ACCELERATION**2 * grown * np.eye(3)
-    if kalman.tape is not None:
-        kalman.tape.predict(kalman.P.copy(), np.eye(kalman.model.size), P.copy())
-    kalman.P = P
+    kalman.reconsider(P)

@@ -78,9 +78,8 @@ class DopplerScreening:
             self._until[str(sat)] = time + self.hold_off
         if held.any() and keep.any():
             after = _posterior(H[keep], P)
+            x = after @ H[keep].T @ z[keep]
             H, z, _ = _linear(kalman, calibration, rows.take(held))
-            H_used, z_used, _ = _linear(kalman, calibration, rows.take(used))
-            x = after @ H_used.T @ z_used
             S = np.sum((H @ after) * H, axis=1) + 1.0
             wrong = (z - H @ x) ** 2 > 9.0 * S
             for sat in rows.sat[held][wrong]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from alignment.in_motion import MotionOptions, align_in_motion, attempts
+from alignment.in_motion import MotionOptions, attempts, wait_for_alignment
 from alignment.inertial_unknowns import InertialOptions
 from alignment.problem import ClockModel
 from alignment.refinement import rotation_angle
@@ -34,10 +34,10 @@ def moving():
 def test_waits_says_why_and_starts(moving):
     simulation, stream, observations, pos_e = moving
     lever, said = simulation.calibration.lever_antenna_b, []
-    attitude = align_in_motion(
+    attitude = wait_for_alignment(
         stream, observations, pos_e, lever, MotionOptions(INERTIAL, every=4.0),
         report=lambda time, message: said.append((time, message)),
-    )  # fmt: skip
+    ).initial_attitude()  # fmt: skip
     assert len(said) > 3
     assert np.all(np.diff([time for time, _ in said]) >= 4.0 - 1e-6)
     assert all(message.startswith("not aligned: ") for _, message in said[:-1])
@@ -54,7 +54,7 @@ def test_gives_up_with_the_last_reason_and_a_remedy(moving):
     simulation, stream, observations, pos_e = moving
     early = observations.time < observations.time[0] + 10.5
     with pytest.raises(AlignmentError, match=r"no attitude in motion after 6 attempts; at .*needs"):
-        align_in_motion(
+        wait_for_alignment(
             stream, observations.take(early), pos_e[early],
             simulation.calibration.lever_antenna_b, MotionOptions(INERTIAL),
         )  # fmt: skip
@@ -90,10 +90,10 @@ def test_no_doppler_is_one_line(moving):
     _, stream, observations, pos_e = moving
     later = observations.with_columns(time=observations.time + 1e4)
     with pytest.raises(AlignmentError, match="no Doppler with satellite states within the IMU"):
-        align_in_motion(stream, later, pos_e)
+        wait_for_alignment(stream, later, pos_e)
     short = observations.time < observations.time[0] + 2.5
     with pytest.raises(AlignmentError, match="no 5 s of Doppler"):
-        align_in_motion(stream, observations.take(short), pos_e[short])
+        wait_for_alignment(stream, observations.take(short), pos_e[short])
     with pytest.raises(ConfigError, match="shortest ≤ longest"):
         MotionOptions(shortest=70.0)
     with pytest.raises(ConfigError, match="every"):
