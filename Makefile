@@ -16,6 +16,7 @@ setup: $(STAMP)        ## make .venv and install certnav with what the tests nee
 $(STAMP): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test]"
+	mkdir -p $(VENV)/typing && ln -sfn ../.. $(VENV)/typing/certnav  # where mypy finds it
 	touch $(STAMP)
 
 lint: setup

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from alignment._margin_kernels import (
+from ..filters._jit import njit
+from ._margin_kernels import (
     MARGINS,
     add_null,
     barrier,
@@ -24,8 +25,7 @@ from alignment._margin_kernels import (
     quick_margin,
     solve_cholesky,
 )
-from alignment.quartic import GRID, GRID_FEATURES, GRID_NEAR, NORM, Z
-from filters._jit import njit
+from .quartic import GRID, GRID_FEATURES, GRID_NEAR, NORM, Z
 
 __all__ = ["barrier", "largest_margin", "minima", "solve"]
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from alignment.quartic import NULL_GRAMS
-from filters._jit import njit
+from ..filters._jit import njit
+from .quartic import NULL_GRAMS
 
 #: Values of t tried on the first guess, one Cholesky factorisation each.
 MARGINS = np.array([1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12])

@@ -19,10 +19,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
-from alignment import fast_numpy
-from alignment.fast_solver import ROUNDING, FastMinimum, chosen_backend, compiled_kernels
-from filters.errors import ConfigError
-from filters.rotation import FloatArray
+from ..filters.errors import ConfigError
+from ..filters.rotation import FloatArray
+from . import fast_numpy
+from .fast_solver import ROUNDING, FastMinimum, chosen_backend, compiled_kernels
 
 #: Gram matrices of w²|u|² and of |u|²: |w u|² = ½ of the first three monomials squared.
 _INNER: FloatArray = np.array([0.5] * 3 + [0.0] * 6)

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from alignment.constraints import lift
-from alignment.problem import AlignmentProblem, AlignmentRows
-from alignment.refinement import tangent_basis
-from filters.errors import AlignmentError
-from filters.rotation import FloatArray, matrix_from_rotvec, orthonormalise
-from velocity.least_squares import solve
+from ..filters.errors import AlignmentError
+from ..filters.rotation import FloatArray, matrix_from_rotvec, orthonormalise
+from ..velocity.least_squares import solve
+from .constraints import lift
+from .problem import AlignmentProblem, AlignmentRows
+from .refinement import tangent_basis
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from alignment.certificate import AlignmentStatus, Certificate, certify
-from alignment.constraints import ALL
-from alignment.observability import Geometry, Observability, observability
-from alignment.problem import AlignmentProblem
-from alignment.refinement import Minimum, newton
-from alignment.sdp import DualSolution, rotations_from_moments, solve_dual
-from filters.rotation import FloatArray
+from ..filters.rotation import FloatArray
+from .certificate import AlignmentStatus, Certificate, certify
+from .constraints import ALL
+from .observability import Geometry, Observability, observability
+from .problem import AlignmentProblem
+from .refinement import Minimum, newton
+from .sdp import DualSolution, rotations_from_moments, solve_dual
 
 
 @dataclass(frozen=True, eq=False)

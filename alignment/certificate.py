@@ -23,10 +23,10 @@ from enum import Enum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from alignment.constraints import ALL, constraint_matrices, lift
-from alignment.refinement import cost
-from alignment.sdp import DualSolution, cost_scale, lagrangian
-from filters.rotation import FloatArray
+from ..filters.rotation import FloatArray
+from .constraints import ALL, constraint_matrices, lift
+from .refinement import cost
+from .sdp import DualSolution, cost_scale, lagrangian
 
 #: Largest gap, relative to tr Q, that counts as closed.
 GAP_TOLERANCE = 1e-9

@@ -24,11 +24,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from alignment.priors import Prior
-from alignment.problem import AlignmentRows
-from alignment.refinement import rotation_angle
-from filters.errors import ConfigError
-from filters.rotation import FloatArray, matrix_from_rotvec
+from ..filters.errors import ConfigError
+from ..filters.rotation import FloatArray, matrix_from_rotvec
+from .priors import Prior
+from .problem import AlignmentRows
+from .refinement import rotation_angle
 
 #: Cells examined at a time, and the smallest half-width [rad].
 _CHUNK, _SMALLEST = 1024, 1e-3

@@ -18,8 +18,8 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.errors import ConfigError
-from filters.rotation import FloatArray
+from ..filters.errors import ConfigError
+from ..filters.rotation import FloatArray
 
 #: Every family, in the order of the stacked matrices.
 ALL = ("columns", "rows", "handedness")

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from alignment.fast_solver import FastMinimum
-from alignment.proof import UPPER, Proof, check, cost_of
+from .fast_solver import FastMinimum
+from .proof import UPPER, Proof, check, cost_of
 
 #: δ relative to the scale of Q, tried in this order.
 _ROOM = tuple(10.0**-k for k in range(13, 6, -1))

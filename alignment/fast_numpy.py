@@ -8,16 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from alignment.quartic import (
-    GRID,
-    GRID_FEATURES,
-    GRID_NEAR,
-    NULL_GRAMS,
-    gram,
-    lower_triangle,
-    reduced_gram,
-)
-from filters.rotation import FloatArray, orthonormalise
+from ..filters.rotation import FloatArray, orthonormalise
+from .quartic import GRID, GRID_FEATURES, GRID_NEAR, NULL_GRAMS, gram, lower_triangle, reduced_gram
 
 #: As in `alignment._kernels`.
 FIRST_STARTS, ALL_STARTS = 3, 24

@@ -19,12 +19,12 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from alignment import fast_numpy
-from alignment.certificate import AlignmentStatus
-from alignment.constraints import ALL, HOMOGENEOUS, constraint_matrices
-from alignment.quartic import lagrangian_of
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray
+from . import fast_numpy
+from .certificate import AlignmentStatus
+from .constraints import ALL, HOMOGENEOUS, constraint_matrices
+from .quartic import lagrangian_of
 
 #: Gap, relative to the scale of Q, that counts as closed; rounding of a Gram matrix, likewise.
 GAP, ROUNDING = 1e-9, 4e-14
@@ -195,7 +195,7 @@ def _scaled(Q: ArrayLike) -> tuple[FloatArray, float]:
 
 def compiled_kernels() -> ModuleType:
     """Return the compiled module; importing numba takes half a second."""
-    from alignment import _kernels as kernels
+    from . import _kernels as kernels
 
     return kernels
 
@@ -214,7 +214,7 @@ _DEFAULT: list[str] = []
 
 def _default_backend() -> str:
     if not _DEFAULT:
-        from filters._jit import COMPILED
+        from ..filters._jit import COMPILED
 
         _DEFAULT.append("numba" if COMPILED else "numpy")
     return _DEFAULT[0]

@@ -13,15 +13,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from alignment.inertial import InertialAlignment, align_epochs, glimpse
-from alignment.inertial_rows import DopplerEpoch, joined
-from alignment.inertial_unknowns import InertialOptions
-from datasets.sequence import GnssObservations
-from filters.earth import EARTH_RATE
-from filters.errors import AlignmentError, ConfigError
-from filters.rotation import FloatArray
-from filters.strapdown import InertialStream
-from velocity.range_rate import doppler_rows
+from ..datasets.sequence import GnssObservations
+from ..filters.earth import EARTH_RATE
+from ..filters.errors import AlignmentError, ConfigError
+from ..filters.rotation import FloatArray
+from ..filters.strapdown import InertialStream
+from ..velocity.range_rate import doppler_rows
+from .inertial import InertialAlignment, align_epochs, glimpse
+from .inertial_rows import DopplerEpoch, joined
+from .inertial_unknowns import InertialOptions
 
 #: Spread of z over satellites, in σ, up to which an epoch looks like a standstill.
 _STILL = 3.0

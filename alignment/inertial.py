@@ -20,24 +20,24 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from alignment.attitude_bound import region_threshold
-from alignment.inertial_rows import (
+from ..datasets.sequence import GnssObservations
+from ..filters.earth import C_en_of
+from ..filters.errors import AlignmentError
+from ..filters.rotation import FloatArray
+from ..filters.sensors import ImuSpec
+from ..filters.strapdown import InertialStream
+from .attitude_bound import region_threshold
+from .inertial_rows import (
     InertialDoppler,
     InertialTrack,
     inertial_doppler,
     inertial_rows,
     inertial_track,
 )
-from alignment.inertial_unknowns import InertialOptions, Mask, Solved, Window, settle
-from alignment.initial import InitialAttitude
-from alignment.refinement import rotation_angle
-from alignment.verdict import AlignmentResult, Verdict, align
-from datasets.sequence import GnssObservations
-from filters.earth import C_en_of
-from filters.errors import AlignmentError
-from filters.rotation import FloatArray
-from filters.sensors import ImuSpec
-from filters.strapdown import InertialStream
+from .inertial_unknowns import InertialOptions, Mask, Solved, Window, settle
+from .initial import InitialAttitude
+from .refinement import rotation_angle
+from .verdict import AlignmentResult, Verdict, align
 
 
 @dataclass(frozen=True, eq=False)

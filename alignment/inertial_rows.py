@@ -29,13 +29,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from alignment.problem import AlignmentRows
-from datasets.sequence import GnssObservations
-from filters.earth import EARTH_RATE, OMEGA_IE_SKEW, gravitation_e
-from filters.errors import AlignmentError, DataError
-from filters.rotation import FloatArray, matrix_from_rotvec, skew
-from filters.strapdown import InertialStream
-from velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows
+from ..datasets.sequence import GnssObservations
+from ..filters.earth import EARTH_RATE, OMEGA_IE_SKEW, gravitation_e
+from ..filters.errors import AlignmentError, DataError
+from ..filters.rotation import FloatArray, matrix_from_rotvec, skew
+from ..filters.strapdown import InertialStream
+from ..velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows
+from .problem import AlignmentRows
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,16 +20,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from alignment.constraints import lift
-from alignment.fast_solver import fast_minimum
-from alignment.inertial_rows import InertialRows
-from alignment.problem import AlignmentProblem, ClockModel, design_matrix
-from alignment.refinement import newton, rotation_angle, tangent_basis
-from alignment.verdict import AlignmentResult, VerdictLimits
-from filters.errors import AlignmentError, ConfigError
-from filters.rotation import FloatArray, skew
-from filters.sensors import ImuSpec, imu_preset
-from velocity.range_rate import DopplerNoise
+from ..filters.errors import AlignmentError, ConfigError
+from ..filters.rotation import FloatArray, skew
+from ..filters.sensors import ImuSpec, imu_preset
+from ..velocity.range_rate import DopplerNoise
+from .constraints import lift
+from .fast_solver import fast_minimum
+from .inertial_rows import InertialRows
+from .problem import AlignmentProblem, ClockModel, design_matrix
+from .refinement import newton, rotation_angle, tangent_basis
+from .verdict import AlignmentResult, VerdictLimits
 
 Mask = NDArray[np.bool_]
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.earth import OMEGA_IE_E, C_en_of, gravity_e
-from filters.errors import AlignmentError
-from filters.rotation import FloatArray, matrix_from_rotvec, matrix_from_rpy, rpy_from_matrix
-from filters.sensors import ImuSpec
-from filters.strapdown import InertialStream
+from ..filters.earth import OMEGA_IE_E, C_en_of, gravity_e
+from ..filters.errors import AlignmentError
+from ..filters.rotation import FloatArray, matrix_from_rotvec, matrix_from_rpy, rpy_from_matrix
+from ..filters.sensors import ImuSpec
+from ..filters.strapdown import InertialStream
 
 #: Longest window used for levelling [s].
 LEVEL_WINDOW = 20.0

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.errors import AlignmentError
-from filters.rotation import FloatArray, matrix_from_rotvec, matrix_from_rpy
-from filters.strapdown import InertialStream
+from ..filters.errors import AlignmentError
+from ..filters.rotation import FloatArray, matrix_from_rotvec, matrix_from_rpy
+from ..filters.strapdown import InertialStream
 
 
 @dataclass(frozen=True, eq=False)

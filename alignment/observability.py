@@ -31,7 +31,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.rotation import FloatArray
+from ..filters.rotation import FloatArray
 
 #: χ² that a change of sign must cause to be noticed (3σ).
 NOTICEABLE = 9.0

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from alignment.problem import AlignmentProblem
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray
+from .problem import AlignmentProblem
 
 #: 1σ of the part of a heading prior that tells forwards from backwards (a direction cosine, which
 #: pitch and a slope of the road change as well).

@@ -24,9 +24,9 @@ import numpy as np
 import scipy  # scipy.linalg is slow to import: left until it is used
 from numpy.typing import ArrayLike, NDArray
 
-from alignment.constraints import lift
-from filters.errors import AlignmentError, ConfigError, DataError
-from filters.rotation import FloatArray
+from ..filters.errors import AlignmentError, ConfigError, DataError
+from ..filters.rotation import FloatArray
+from .constraints import lift
 
 #: Clock models, from the stiffest to the loosest.
 CLOCK_MODELS = ("constant", "linear", "random-walk", "per-epoch")

@@ -21,7 +21,7 @@ from math import lcm
 from pathlib import Path
 from typing import Any
 
-from filters.errors import DataError
+from ..filters.errors import DataError
 
 #: First line of a file, so to speak.
 FORMAT, VERSION = "certnav alignment proof", 1

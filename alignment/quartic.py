@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from alignment.constraints import lift
-from filters.rotation import FloatArray, skew
+from ..filters.rotation import FloatArray, skew
+from .constraints import lift
 
 _SQRT2 = np.sqrt(2.0)
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from alignment.constraints import lift
-from filters.rotation import FloatArray, matrix_from_rotvec, orthonormalise, skew
+from ..filters.rotation import FloatArray, matrix_from_rotvec, orthonormalise, skew
+from .constraints import lift
 
 _AXES: FloatArray = skew(np.eye(3))
 

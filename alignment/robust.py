@@ -16,14 +16,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from alignment.consensus_proof import ConsensusProof, consensus, prove_consensus, row_weights
-from alignment.constraints import lift
-from alignment.fast_solver import fast_minimum
-from alignment.priors import Prior, with_priors
-from alignment.problem import AlignmentRows, ClockModel, build_problem, design_matrix
-from alignment.verdict import AlignmentResult, Verdict, VerdictLimits, align
-from filters.errors import AlignmentError, ConfigError, DataError
-from filters.rotation import FloatArray
+from ..filters.errors import AlignmentError, ConfigError, DataError
+from ..filters.rotation import FloatArray
+from .consensus_proof import ConsensusProof, consensus, prove_consensus, row_weights
+from .constraints import lift
+from .fast_solver import fast_minimum
+from .priors import Prior, with_priors
+from .problem import AlignmentRows, ClockModel, build_problem, design_matrix
+from .verdict import AlignmentResult, Verdict, VerdictLimits, align
 
 Mask = NDArray[np.bool_]
 

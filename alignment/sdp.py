@@ -25,9 +25,9 @@ import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike
 
-from alignment.constraints import ALL, HOMOGENEOUS, constraint_matrices
-from filters.errors import AlignmentError
-from filters.rotation import FloatArray, orthonormalise
+from ..filters.errors import AlignmentError
+from ..filters.rotation import FloatArray, orthonormalise
+from .constraints import ALL, HOMOGENEOUS, constraint_matrices
 
 #: Trace that Q is scaled to, and gap and feasibility tolerances at that scale.
 SCALED_TRACE = 1e3

@@ -12,7 +12,7 @@ import warnings
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.errors import ConfigError
+from ..filters.errors import ConfigError
 
 
 def solve_dual_cvxpy(Q: ArrayLike, *, tolerance: float = 1e-10, scaled_trace: float = 1e3) -> float:

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from alignment.problem import AlignmentRows
-from filters.earth import GM, C_en_at, lla_to_ecef
-from filters.errors import ConfigError
-from filters.rotation import FloatArray
+from ..filters.earth import GM, C_en_at, lla_to_ecef
+from ..filters.errors import ConfigError
+from ..filters.rotation import FloatArray
+from .problem import AlignmentRows
 
 #: Radius of the orbits [m] and inclination [rad].
 ORBIT_RADIUS = 2.656e7

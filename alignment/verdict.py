@@ -18,14 +18,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.stats import chi2
 
-from alignment.attitude_bound import attitude_bound, region_threshold
-from alignment.certificate import AlignmentStatus
-from alignment.fast_solver import FastMinimum, LocalMinima, fast_minimum, local_minima
-from alignment.observability import Geometry, Observability, observability
-from alignment.problem import AlignmentProblem
-from alignment.refinement import rotation_angle
-from filters.errors import AlignmentError, ConfigError
-from filters.rotation import FloatArray
+from ..filters.errors import AlignmentError, ConfigError
+from ..filters.rotation import FloatArray
+from .attitude_bound import attitude_bound, region_threshold
+from .certificate import AlignmentStatus
+from .fast_solver import FastMinimum, LocalMinima, fast_minimum, local_minima
+from .observability import Geometry, Observability, observability
+from .problem import AlignmentProblem
+from .refinement import rotation_angle
 
 
 @dataclass(frozen=True)

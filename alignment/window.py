@@ -17,15 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from alignment.problem import (
-    AlignmentProblem,
-    AlignmentRows,
-    ClockModel,
-    design_matrix,
-    project_out,
-)
-from filters.errors import AlignmentError, ConfigError, DataError
-from filters.rotation import FloatArray
+from ..filters.errors import AlignmentError, ConfigError, DataError
+from ..filters.rotation import FloatArray
+from .problem import AlignmentProblem, AlignmentRows, ClockModel, design_matrix, project_out
 
 
 @dataclass(frozen=True, eq=False)

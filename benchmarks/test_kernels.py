@@ -13,17 +13,17 @@ import pytest
 
 pytest.importorskip("pytest_benchmark")
 
-from alignment.fast_solver import fast_minimum
-from alignment.problem import build_problem
-from alignment.simulation import simulate_window
-from datasets._numbers import read_numbers
-from filters import measurements
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ErrorModel
-from filters.measurement_update import compiled, with_filterpy
-from filters.sensors import imu_preset
-from filters.strapdown import InertialStream, NavState
-from nav._text import row_blocks
+from certnav.alignment.fast_solver import fast_minimum
+from certnav.alignment.problem import build_problem
+from certnav.alignment.simulation import simulate_window
+from certnav.datasets._numbers import read_numbers
+from certnav.filters import measurements
+from certnav.filters.ekf import ErrorStateFilter
+from certnav.filters.error_model import ErrorModel
+from certnav.filters.measurement_update import compiled, with_filterpy
+from certnav.filters.sensors import imu_preset
+from certnav.filters.strapdown import InertialStream, NavState
+from certnav.nav._text import row_blocks
 
 SAMPLES, RATE = 20_000, 200.0
 

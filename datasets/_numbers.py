@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from filters._jit import COMPILED, njit
-from filters.rotation import FloatArray
+from ..filters._jit import COMPILED, njit
+from ..filters.rotation import FloatArray
 
 _POWER = 10.0 ** np.arange(23)
 _EXACT = np.int64(2) ** 53

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.earth import SPEED_OF_LIGHT
-from filters.rotation import FloatArray
+from ..filters.earth import SPEED_OF_LIGHT
+from ..filters.rotation import FloatArray
 
 #: Relative humidity of the standard atmosphere, RTKLIB's choice.
 _HUMIDITY = 0.7

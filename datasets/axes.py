@@ -10,8 +10,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.errors import ConfigError
-from filters.rotation import FloatArray
+from ..filters.errors import ConfigError
+from ..filters.rotation import FloatArray
 
 #: Direction of each word in forward-right-down axes.
 _DIRECTIONS = {

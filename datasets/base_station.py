@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from datasets.constellation import Ephemerides
-from datasets.sequence import GnssObservations
-from datasets.signals import ReceiverClock, observe_open_sky
-from filters.earth import C_en_at, lla_to_ecef
-from filters.rotation import FloatArray
+from ..filters.earth import C_en_at, lla_to_ecef
+from ..filters.rotation import FloatArray
+from .constellation import Ephemerides
+from .sequence import GnssObservations
+from .signals import ReceiverClock, observe_open_sky
 
 #: Height of the antenna above the origin of the drive [m]: a roof.
 _HEIGHT = 15.0

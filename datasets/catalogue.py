@@ -12,14 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from datasets.great_installation import (
-    IMU_PRESETS,
-    LEVERS,
-    MEMS_TO_TACTICAL,
-    WEEK_2020,
-    sidecar,
-)
-from filters.errors import ConfigError
+from ..filters.errors import ConfigError
+from .great_installation import IMU_PRESETS, LEVERS, MEMS_TO_TACTICAL, WEEK_2020, sidecar
 
 #: Where the download links are: section "Data Download" of the Readme.
 PAGE = "https://github.com/GREAT-WHU/GREAT-Dataset"

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.columns import Column, TextFile
-from filters.rotation import FloatArray
-from filters.sensors import STANDARD_GRAVITY
+from ..filters.rotation import FloatArray
+from ..filters.sensors import STANDARD_GRAVITY
+from .columns import Column, TextFile
 
 #: Rows looked at.
 _ROWS = 20000

@@ -17,16 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.text_tables import (
-    LARGEST,
-    Table,
-    checked_lines,
-    read_lines,
-    read_table,
-    starts_with_number,
-)
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray
+from .text_tables import LARGEST, Table, checked_lines, read_lines, read_table, starts_with_number
 
 Column = str | int
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}

@@ -22,9 +22,13 @@ from tokenize import TokenError
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets import gpstime
-from datasets.physics import check_gravity, check_gyro, course_of
-from datasets.sequence import (
+from ..filters.earth import SPEED_OF_LIGHT, C_en_at, C_en_of, lla_to_ecef
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray, rpy_from_matrix
+from ..filters.sensors import imu_preset
+from . import gpstime
+from .physics import check_gravity, check_gyro, course_of
+from .sequence import (
     Calibration,
     GnssFixes,
     GnssObservations,
@@ -33,11 +37,7 @@ from datasets.sequence import (
     Reference,
     Sequence,
 )
-from datasets.text_tables import check_head, sampling_note
-from filters.earth import SPEED_OF_LIGHT, C_en_at, C_en_of, lla_to_ecef
-from filters.errors import DataError
-from filters.rotation import FloatArray, rpy_from_matrix
-from filters.sensors import imu_preset
+from .text_tables import check_head, sampling_note
 
 _IMU, _GNSS, _POSE = "processed_log/IMU", "processed_log/GNSS", "global_pose"
 _SATELLITES = "derived/gps_ublox_with_satpv.csv"

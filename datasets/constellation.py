@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from datasets import gpstime
-from filters.earth import EARTH_RATE, SPEED_OF_LIGHT
-from filters.rotation import FloatArray
+from ..filters.earth import EARTH_RATE, SPEED_OF_LIGHT
+from ..filters.rotation import FloatArray
+from . import gpstime
 
 #: Gravitational constant that GPS broadcast ephemerides are defined with [m³/s²] (IS-GPS-200).
 GM_GPS = 3.986005e14

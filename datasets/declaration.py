@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from datasets.axes import ATTITUDE, axes_matrix
-from datasets.columns import Column
-from datasets.time_scales import SCALES, UNITS, TimeScale
-from datasets.toml_files import read_toml
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray, matrix_from_rpy
-from filters.sensors import PRESETS, STANDARD_GRAVITY, ImuSpec, imu_preset
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray, matrix_from_rpy
+from ..filters.sensors import PRESETS, STANDARD_GRAVITY, ImuSpec, imu_preset
+from .axes import ATTITUDE, axes_matrix
+from .columns import Column
+from .time_scales import SCALES, UNITS, TimeScale
+from .toml_files import read_toml
 
 NAME = "sequence.toml"
 #: A line that declares a lever arm, for messages.

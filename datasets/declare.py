@@ -12,18 +12,18 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets import column_roles as roles
-from datasets.axes import ATTITUDE
-from datasets.column_roles import Sampled
-from datasets.columns import open_text
-from datasets.declaration import BLANK, NAME
-from datasets.great_files import rinex_kind
-from datasets.great_pvt import is_flt
-from datasets.kfgins import kind_of
-from datasets.rinex_packing import is_packed, unpack
-from datasets.rtklib_pos import is_pos
-from filters.errors import DataError
-from filters.sensors import PRESETS
+from ..filters.errors import DataError
+from ..filters.sensors import PRESETS
+from . import column_roles as roles
+from .axes import ATTITUDE
+from .column_roles import Sampled
+from .columns import open_text
+from .declaration import BLANK, NAME
+from .great_files import rinex_kind
+from .great_pvt import is_flt
+from .kfgins import kind_of
+from .rinex_packing import is_packed, unpack
+from .rtklib_pos import is_pos
 
 _COLUMN = 44
 _SPEEDS = "m/s, km/h or knots"

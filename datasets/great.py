@@ -19,37 +19,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from datasets import gpstime
-from datasets.great_files import (
-    SIDECAR,
-    base_stations,
-    choose_observations,
-    find_files,
-    first_observation,
-)
-from datasets.great_files import is_great as is_great
-from datasets.great_installation import (
-    IMU_PRESETS,
-    Declared,
-    antenna_lever,
-    read_declared,
-    reference_lever,
-)
-from datasets.great_installation import WEEK_2020 as WEEK_2020
-from datasets.imu_text import AXES, ImuTable, convert, read_imu_table
-from datasets.inertial_explorer import ReferenceTable, read_reference_table
-from datasets.physics import (
-    check_gravity,
-    check_gyro,
-    course_of,
-    decide_gyro_unit,
-    gyro_unit_ratio,
-)
-from datasets.sequence import Calibration, GnssObservations, ImuData, Reference
-from datasets.sequence import Sequence as Drive
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray, matrix_from_rpy
-from filters.sensors import imu_preset as _spec
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray, matrix_from_rpy
+from ..filters.sensors import imu_preset as _spec
+from . import gpstime
+from .great_files import SIDECAR, base_stations, choose_observations, find_files, first_observation
+from .great_files import is_great as is_great
+from .great_installation import IMU_PRESETS, Declared, antenna_lever, read_declared, reference_lever
+from .great_installation import WEEK_2020 as WEEK_2020
+from .imu_text import AXES, ImuTable, convert, read_imu_table
+from .inertial_explorer import ReferenceTable, read_reference_table
+from .physics import check_gravity, check_gyro, course_of, decide_gyro_unit, gyro_unit_ratio
+from .sequence import Calibration, GnssObservations, ImuData, Reference
+from .sequence import Sequence as Drive
 
 
 def read_great(
@@ -131,7 +113,7 @@ def read_great(
     start, end = gpstime.from_week_sow(found_week, table.sow[[0, -1]])
     observations_file = choose_observations(tuple(files["observations"]), start, end)
 
-    from datasets.rtklib import read_observations
+    from .rtklib import read_observations
 
     observations = read_observations(
         observations_file, files["navigation"], systems=systems, signals=signals
@@ -306,7 +288,7 @@ def _single_point_course(
     observations: GnssObservations, navigation: Sequence[Path]
 ) -> tuple[FloatArray, FloatArray]:
     """Return time and course from differenced single-point positions (no reference at hand)."""
-    from datasets.rtklib import single_point
+    from .rtklib import single_point
 
     fixes = single_point(observations, navigation, elevation_mask=np.radians(10.0)).fixes
     if len(fixes) < 3:

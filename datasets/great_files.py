@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets import gpstime
-from filters.errors import ConfigError, DataError
+from ..filters.errors import ConfigError, DataError
+from . import gpstime
 
 SIDECAR = "great.toml"
 _REFERENCE_FOLDERS = ("groundtruth", "groudtruth", "ref", "reference")

@@ -19,11 +19,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from datasets import gpstime
-from datasets.catalogue import GREAT, CatalogueEntry, named_in
-from datasets.great_files import first_observation, is_rinex_name, rinex_kind
-from datasets.great_inspect import Inspected, first_ephemeris, inspect
-from filters.errors import DataError
+from ..filters.errors import DataError
+from . import gpstime
+from .catalogue import GREAT, CatalogueEntry, named_in
+from .great_files import first_observation, is_rinex_name, rinex_kind
+from .great_inspect import Inspected, first_ephemeris, inspect
 
 RAW = "GNSS_RAW_DATA"
 _NOT_USED = (".jpg", ".jpeg", ".png", ".bin", ".pcd", ".bag", ".pdf", ".md", ".yaml", ".xml")

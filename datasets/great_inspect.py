@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets import gpstime
-from datasets.great_files import rinex_kind
-from datasets.rinex_packing import is_packed, unpack
-from datasets.text_tables import starts_with_number
-from filters.rotation import FloatArray
+from ..filters.rotation import FloatArray
+from . import gpstime
+from .great_files import rinex_kind
+from .rinex_packing import is_packed, unpack
+from .text_tables import starts_with_number
 
 _DAY = 86400.0
 

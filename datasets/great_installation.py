@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from datasets.great_files import SIDECAR
-from datasets.imu_text import GYRO_UNITS
-from datasets.toml_files import read_toml
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray
+from .great_files import SIDECAR
+from .imu_text import GYRO_UNITS
+from .toml_files import read_toml
 
 #: Week of 2020-10-27 and 2020-10-29, the only days the drawn lever arms are valid for.
 WEEK_2020 = 2129

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.gpstime import SECONDS_PER_WEEK, from_week_sow
-from datasets.pvt_columns import check_velocity
-from datasets.sequence import GnssFixes
-from datasets.text_tables import increasing, read_lines, read_table
-from filters.errors import DataError
+from ..filters.errors import DataError
+from .gpstime import SECONDS_PER_WEEK, from_week_sow
+from .pvt_columns import check_velocity
+from .sequence import GnssFixes
+from .text_tables import increasing, read_lines, read_table
 
 COLUMNS = (
     *("SOW", "X", "Y", "Z", "Vx", "Vy", "Vz"),

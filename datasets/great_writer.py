@@ -22,15 +22,15 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets import gpstime
-from datasets.constellation import write_navigation
-from datasets.great_files import SIDECAR
-from datasets.great_installation import WEEK_2020
-from datasets.sequence import GnssObservations, ImuData, Reference
-from datasets.simulator import LEVER_ANTENNA, Simulation, SimulationConfig, simulate
-from filters.earth import ecef_to_lla
-from filters.errors import DataError
-from filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix
+from ..filters.earth import ecef_to_lla
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix
+from . import gpstime
+from .constellation import write_navigation
+from .great_files import SIDECAR
+from .great_installation import WEEK_2020
+from .sequence import GnssObservations, ImuData, Reference
+from .simulator import LEVER_ANTENNA, Simulation, SimulationConfig, simulate
 
 _MARK = "simulated by certnav"
 _NAMES = (

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.gpstime import SECONDS_PER_WEEK, from_week_sow
-from datasets.sequence import ImuData
-from datasets.text_tables import Table, increasing, read_table, sampling_note
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
-from filters.sensors import STANDARD_GRAVITY
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray
+from ..filters.sensors import STANDARD_GRAVITY
+from .gpstime import SECONDS_PER_WEEK, from_week_sow
+from .sequence import ImuData
+from .text_tables import Table, increasing, read_table, sampling_note
 
 COLUMNS = ("sow", "gx", "gy", "gz", "ax", "ay", "az")
 

@@ -18,18 +18,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from datasets.gpstime import from_week_sow
-from datasets.sequence import Reference
-from datasets.text_tables import (
-    Table,
-    increasing,
-    read_lines,
-    read_table,
-    sampling_note,
-)
-from filters.earth import lla_to_ecef
-from filters.errors import DataError
-from filters.rotation import FloatArray
+from ..filters.earth import lla_to_ecef
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray
+from .gpstime import from_week_sow
+from .sequence import Reference
+from .text_tables import Table, increasing, read_lines, read_table, sampling_note
 
 _END = "Errors/warnings:"
 _POSITION = ("X-ECEF", "Y-ECEF", "Z-ECEF")

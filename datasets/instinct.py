@@ -16,17 +16,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from datasets.sequence import Calibration, Reference, Sequence
-from datasets.text_tables import cannot_open, check_head
-from filters.earth import C_en_at, C_en_of, ecef_to_lla, lla_to_ecef
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix
-from filters.sensors import imu_preset
+from ..filters.earth import C_en_at, C_en_of, ecef_to_lla, lla_to_ecef
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix
+from ..filters.sensors import imu_preset
+from .sequence import Calibration, Reference, Sequence
+from .text_tables import cannot_open, check_head
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from datasets.trajectory import Trajectory
+    from .trajectory import Trajectory
 
 _MOTION = "Rover-*_motion_Spirent.csv"
 _VARIANTS = {True: "iono-Klob_tropo-Saast", False: "iono-none_tropo-none"}
@@ -72,8 +72,8 @@ def read_spirent(
         Missing or incomplete files.
     """
     # Slow to import, and every folder is looked at for being one of these.
-    from datasets import rtklib
-    from datasets.trajectory import imu_measurements
+    from . import rtklib
+    from .trajectory import imu_measurements
 
     path = Path(path)
     spec = imu_preset(imu)
@@ -178,7 +178,7 @@ def smooth_trajectory(reference: Reference) -> Trajectory:
     """
     from scipy.interpolate import make_lsq_spline
 
-    from datasets.trajectory import Trajectory
+    from .trajectory import Trajectory
 
     start = float(reference.time[0])
     t = reference.time - start

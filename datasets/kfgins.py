@@ -17,12 +17,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from datasets.gpstime import SECONDS_PER_WEEK, from_week_sow
-from datasets.imu_text import rates_from_increments
-from datasets.physics import check_gravity, check_gyro, course_of
-from datasets.pvt_columns import check_velocity
-from datasets.sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
-from datasets.text_tables import (
+from ..filters.earth import C_en_at, lla_to_ecef
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray
+from ..filters.sensors import ImuSpec
+from ..filters.sensors import imu_preset as _preset
+from .gpstime import SECONDS_PER_WEEK, from_week_sow
+from .imu_text import rates_from_increments
+from .physics import check_gravity, check_gyro, course_of
+from .pvt_columns import check_velocity
+from .sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
+from .text_tables import (
     Table,
     increasing,
     read_lines,
@@ -30,11 +35,6 @@ from datasets.text_tables import (
     sampling_note,
     starts_with_number,
 )
-from filters.earth import C_en_at, lla_to_ecef
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
-from filters.sensors import ImuSpec
-from filters.sensors import imu_preset as _preset
 
 _IMU = ("sow", "dtheta x", "dtheta y", "dtheta z", "dv x", "dv y", "dv z")
 _GNSS = ("sow", "lat", "lon", "height", "std n", "std e", "std d")

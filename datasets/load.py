@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from datasets.sequence import Sequence
-from filters.errors import ConfigError, DataError
+from ..filters.errors import ConfigError, DataError
+from .sequence import Sequence
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Format:
         return tuple(p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY)
 
     def _function(self, name: str) -> Callable[..., Any]:
-        return getattr(importlib.import_module(f"datasets.{self.module}"), name)
+        return getattr(importlib.import_module(f".{self.module}", __package__), name)
 
 
 FORMATS: dict[str, Format] = {

@@ -21,14 +21,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from datasets.imu_text import AXES
-from datasets.physics import check_gravity, check_gyro, course_of
-from datasets.sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
-from datasets.text_tables import LARGEST, check_head, sampling_note
-from filters.earth import C_en_at, lla_to_ecef
-from filters.errors import DataError
-from filters.rotation import FloatArray, matrix_from_rpy
-from filters.sensors import imu_preset
+from ..filters.earth import C_en_at, lla_to_ecef
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray, matrix_from_rpy
+from ..filters.sensors import imu_preset
+from .imu_text import AXES
+from .physics import check_gravity, check_gyro, course_of
+from .sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
+from .text_tables import LARGEST, check_head, sampling_note
 
 if TYPE_CHECKING:
     import pandas as pd

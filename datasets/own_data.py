@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.columns import Column
-from datasets.declaration import (
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray
+from .columns import Column
+from .declaration import (
     ACCEL_UNITS,
     GNSS_FORMATS,
     GYRO_UNITS,
@@ -27,11 +29,11 @@ from datasets.declaration import (
     mounting,
     read_declaration,
 )
-from datasets.imu_text import rates_from_increments
-from datasets.own_reference import read_reference
-from datasets.physics import check_gravity, check_gyro, course_of
-from datasets.pvt_columns import read_pvt, read_timed
-from datasets.sequence import (
+from .imu_text import rates_from_increments
+from .own_reference import read_reference
+from .physics import check_gravity, check_gyro, course_of
+from .pvt_columns import read_pvt, read_timed
+from .sequence import (
     Calibration,
     GnssFixes,
     GnssObservations,
@@ -40,10 +42,8 @@ from datasets.sequence import (
     Reference,
     Sequence,
 )
-from datasets.text_tables import sampling_note
-from datasets.time_scales import TimeScale
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
+from .text_tables import sampling_note
+from .time_scales import TimeScale
 
 
 def is_declared(folder: Path) -> bool:
@@ -181,8 +181,8 @@ def _rinex(
     section = declared.section("rinex")
     if section is None:
         return None, (), None
-    from datasets.rinex_packing import plain_rinex
-    from datasets.rtklib import read_observations
+    from .rinex_packing import plain_rinex
+    from .rtklib import read_observations
 
     home = section.file.parent
     name = section.text("observations", 'observations = "rover.obs"')
@@ -253,19 +253,19 @@ def _fixes_of_format(
     offset = float(section.numbers("time_offset_s", (1,), "", np.zeros(1))[0])
     notes: tuple[str, ...] = ()
     if kind == "rtklib":
-        from datasets.rtklib_pos import read_pos
+        from .rtklib_pos import read_pos
 
         fixes = read_pos(path)
     elif kind == "great-pvt":
-        from datasets.great_pvt import read_flt
+        from .great_pvt import read_flt
 
         fixes, notes = read_flt(path, week=declared.week(section))
     elif kind == "kf-gins":
-        from datasets.kfgins import read_gnss
+        from .kfgins import read_gnss
 
         fixes = read_gnss(path, week=declared.week(section))
     else:
-        from datasets.receiver_logs import read_nmea, read_ubx
+        from .receiver_logs import read_nmea, read_ubx
 
         sigma = section.numbers("position_sigma_m", (1, 3), "", np.empty(0))
         fixes, notes = (
@@ -313,7 +313,7 @@ def _course(
     if fixes is None:
         if observations is None:
             return np.empty(0), np.empty(0)
-        from datasets.rtklib import single_point
+        from .rtklib import single_point
 
         fixes = single_point(observations, navigation, elevation_mask=np.radians(10.0)).fixes
     if len(fixes) < 3:

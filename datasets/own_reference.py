@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from datasets.axes import rpy_of
-from datasets.columns import Column
-from datasets.declaration import (
+from ..filters.errors import ConfigError
+from ..filters.rotation import FloatArray
+from .axes import rpy_of
+from .columns import Column
+from .declaration import (
     ANGLE_UNITS,
     LEVER_LINE,
     REFERENCE_FORMATS,
@@ -18,11 +20,9 @@ from datasets.declaration import (
     attitude_convention,
     lever,
 )
-from datasets.pvt_columns import read_pvt
-from datasets.sequence import Reference
-from datasets.text_tables import sampling_note
-from filters.errors import ConfigError
-from filters.rotation import FloatArray
+from .pvt_columns import read_pvt
+from .sequence import Reference
+from .text_tables import sampling_note
 
 
 def read_reference(
@@ -80,18 +80,18 @@ def _trajectory(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, tuple[str, ...]]:
     """Return time, position, velocity, roll-pitch-heading and notes of the reference."""
     if kind == "inertial-explorer":
-        from datasets.inertial_explorer import read_reference_table
+        from .inertial_explorer import read_reference_table
 
         t = read_reference_table(section.path())
         return t.time, t.pos_e, t.vel_e, t.rpy, t.notes
     if kind == "kf-gins":
-        from datasets.kfgins import read_nav
+        from .kfgins import read_nav
 
         week = declared.week(section) if section.has("week") or "time" in declared.sections else 0
         nav = read_nav(section.path(), week=week)
         return nav.time, nav.pos_e, nav.vel_e, nav.rpy, ()
     if kind == "rtklib":
-        from datasets.rtklib_pos import read_pos
+        from .rtklib_pos import read_pos
 
         fixes = read_pos(section.path())
         return fixes.time, fixes.pos_e, fixes.vel_e, np.full((len(fixes), 3), np.nan), ()

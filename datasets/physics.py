@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from datasets.sequence import ImuData
-from filters.earth import C_en_of
-from filters.errors import DataError
-from filters.rotation import FloatArray
-from filters.sensors import STANDARD_GRAVITY
+from ..filters.earth import C_en_of
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray
+from ..filters.sensors import STANDARD_GRAVITY
+from .sequence import ImuData
 
 #: Below this speed the course of a velocity is noise [m/s].
 MIN_COURSE_SPEED = 2.0

@@ -14,19 +14,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.columns import Column, Columns, open_text, read_columns
-from datasets.declaration import (
-    ANGLE_UNITS,
-    POSITION_FRAMES,
-    SPEED_UNITS,
-    VELOCITY_FRAMES,
-    Section,
-)
-from datasets.text_tables import increasing
-from datasets.time_scales import TimeScale, gps_time
-from filters.earth import C_en_of, lla_to_ecef
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
+from ..filters.earth import C_en_of, lla_to_ecef
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray
+from .columns import Column, Columns, open_text, read_columns
+from .declaration import ANGLE_UNITS, POSITION_FRAMES, SPEED_UNITS, VELOCITY_FRAMES, Section
+from .text_tables import increasing
+from .time_scales import TimeScale, gps_time
 
 #: From the axes of a declared velocity to north-east-down.
 _TO_NED = {"ned": np.eye(3), "enu": np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])}

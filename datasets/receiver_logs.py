@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from datasets import gpstime
-from datasets.sequence import GnssFixes
-from datasets.text_tables import cannot_open
-from filters.earth import C_en_at, lla_to_ecef
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
+from ..filters.earth import C_en_at, lla_to_ecef
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray
+from . import gpstime
+from .sequence import GnssFixes
+from .text_tables import cannot_open
 
 _GPS_EPOCH_UNIX = 315964800.0
 #: NMEA GGA quality.

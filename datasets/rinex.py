@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from filters.errors import DataError
+from ..filters.errors import DataError
 
 # One observation: F14.3, blank or as wide, then loss-of-lock and strength; 16 columns but the last.
 _FIELD = r"(?: {14}|[ \d+-]{10}\.\d{3})"

@@ -14,7 +14,7 @@ import zlib
 from functools import cache
 from pathlib import Path
 
-from filters.errors import DataError
+from ..filters.errors import DataError
 
 _GZIP, _COMPRESS, _ZIP = b"\x1f\x8b", b"\x1f\x9d", b"PK"
 _CRINEX = b"CRINEX VERS   / TYPE"

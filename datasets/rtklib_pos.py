@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets import gpstime
-from datasets.sequence import GnssFixes, StrArray
-from datasets.text_tables import Table, increasing, read_lines, read_table
-from filters.earth import C_en_at, ecef_to_lla, lla_to_ecef
-from filters.errors import DataError
-from filters.rotation import FloatArray
+from ..filters.earth import C_en_at, ecef_to_lla, lla_to_ecef
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray
+from . import gpstime
+from .sequence import GnssFixes, StrArray
+from .text_tables import Table, increasing, read_lines, read_table
 
 #: RTKLIB's solution status, column Q.
 QUALITY = {1: "fixed", 2: "float", 3: "sbas", 4: "dgps", 5: "single", 6: "ppp", 7: "dr"}

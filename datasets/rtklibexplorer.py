@@ -20,13 +20,13 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.physics import check_gravity, check_gyro, course_of
-from datasets.rtklib_pos import read_pos
-from datasets.sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
-from datasets.text_tables import cannot_open, increasing, read_table, sampling_note
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray, matrix_from_rpy
-from filters.sensors import STANDARD_GRAVITY, ImuSpec
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray, matrix_from_rpy
+from ..filters.sensors import STANDARD_GRAVITY, ImuSpec
+from .physics import check_gravity, check_gyro, course_of
+from .rtklib_pos import read_pos
+from .sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
+from .text_tables import cannot_open, increasing, read_table, sampling_note
 
 _COLUMNS = ("ax", "ay", "az", "gx", "gy", "gz", "ms")
 #: Sensor axes (back, right, up) to body axes: ``x_b = C_bs @ x_s``.

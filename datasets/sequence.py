@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.errors import DataError
-from filters.rotation import FloatArray
-from filters.sensors import ImuSpec
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray
+from ..filters.sensors import ImuSpec
 
 StrArray = NDArray[np.str_]
 

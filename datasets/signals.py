@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from datasets import gpstime
-from datasets.atmosphere import klobuchar_delay, saastamoinen_delay
-from datasets.constellation import ION_ALPHA, ION_BETA, Ephemerides
-from datasets.sequence import GnssObservations, StrArray
-from datasets.street_canyon import City, Sight
-from datasets.street_network import Drive
-from datasets.trajectory import Trajectory
-from filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of, ecef_to_lla
-from filters.rotation import FloatArray
+from ..filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of, ecef_to_lla
+from ..filters.rotation import FloatArray
+from . import gpstime
+from .atmosphere import klobuchar_delay, saastamoinen_delay
+from .constellation import ION_ALPHA, ION_BETA, Ephemerides
+from .sequence import GnssObservations, StrArray
+from .street_canyon import City, Sight
+from .street_network import Drive
+from .trajectory import Trajectory
 
 #: GPS L1 wavelength [m].
 WAVELENGTH = SPEED_OF_LIGHT / 1575.42e6

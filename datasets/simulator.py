@@ -12,24 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets import gpstime
-from datasets.base_station import BaseStation, base_position, simulate_base
-from datasets.constellation import Ephemerides, draw_constellation
-from datasets.sequence import (
-    Calibration,
-    GnssFixes,
-    GnssObservations,
-    ImuData,
-    Reference,
-    Sequence,
-)
-from datasets.signals import ReceiverClock, SignalTruth, observe
-from datasets.street_canyon import DENSITIES, City
-from datasets.street_network import Drive, RouteConfig, drive
-from datasets.trajectory import Trajectory, imu_measurements
-from filters.errors import ConfigError
-from filters.rotation import FloatArray, matrix_from_rpy
-from filters.sensors import ImuSpec, imu_preset
+from ..filters.errors import ConfigError
+from ..filters.rotation import FloatArray, matrix_from_rpy
+from ..filters.sensors import ImuSpec, imu_preset
+from . import gpstime
+from .base_station import BaseStation, base_position, simulate_base
+from .constellation import Ephemerides, draw_constellation
+from .sequence import Calibration, GnssFixes, GnssObservations, ImuData, Reference, Sequence
+from .signals import ReceiverClock, SignalTruth, observe
+from .street_canyon import DENSITIES, City
+from .street_network import Drive, RouteConfig, drive
+from .trajectory import Trajectory, imu_measurements
 
 #: From the MEMS IMU, forward-right-down [m]: antenna and tactical IMU as in the installation
 #: drawing of the GREAT dataset (2024-11-19).

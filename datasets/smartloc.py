@@ -27,10 +27,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.columns import Columns, open_text, read_columns
-from datasets.gpstime import SECONDS_PER_WEEK, from_week_sow
-from datasets.physics import gyro_unit_ratio
-from datasets.sequence import (
+from ..filters.earth import SPEED_OF_LIGHT, C_en_at, lla_to_ecef
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray, wrap_angle
+from ..filters.sensors import ImuSpec
+from .columns import Columns, open_text, read_columns
+from .gpstime import SECONDS_PER_WEEK, from_week_sow
+from .physics import gyro_unit_ratio
+from .sequence import (
     Calibration,
     GnssFixes,
     GnssObservations,
@@ -39,11 +43,7 @@ from datasets.sequence import (
     Sequence,
     StrArray,
 )
-from datasets.text_tables import increasing, sampling_note
-from filters.earth import SPEED_OF_LIGHT, C_en_at, lla_to_ecef
-from filters.errors import DataError
-from filters.rotation import FloatArray, wrap_angle
-from filters.sensors import ImuSpec
+from .text_tables import increasing, sampling_note
 
 RAW, DRIVE, FIXES = "RXM-RAWX.csv", "MY_DATASET.csv", "NAV-POSLLH.csv"
 _SATELLITES = "derived_gps_doppler_merged.csv"
@@ -298,7 +298,7 @@ def _states(
     """Return position, velocity, clock and drift of each row, NaN where unknown, shape (n, 8)."""
     state = np.full((sat.size, 8), np.nan)
     if navigation:
-        from datasets.rtklib import satellite_states
+        from .rtklib import satellite_states
 
         known = ~np.char.startswith(sat, "S")
         sent = time[known] - m["pseudorange"][known] / SPEED_OF_LIGHT

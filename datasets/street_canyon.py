@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from datasets.street_network import Block
-from filters.errors import ConfigError
-from filters.rotation import FloatArray
+from ..filters.errors import ConfigError
+from ..filters.rotation import FloatArray
+from .street_network import Block
 
 #: Carrier wavelength the diffraction is computed for, GPS L1 [m].
 _WAVELENGTH = 0.190293673

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.rotation import FloatArray
+from ..filters.rotation import FloatArray
 
 #: Node spacing of the sampled drive [s], a power of two so that node times are exact.
 NODE_INTERVAL = 2.0**-5

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets._numbers import read_numbers
-from datasets.sequence import StrArray
-from filters.errors import DataError
-from filters.rotation import FloatArray
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray
+from ._numbers import read_numbers
+from .sequence import StrArray
 
 if TYPE_CHECKING:
     import pandas as pd

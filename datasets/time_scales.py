@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets import gpstime
-from datasets.text_tables import Table
-from filters.errors import DataError
-from filters.rotation import FloatArray
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray
+from . import gpstime
+from .text_tables import Table
 
 #: Time scales by name, and what a column in them holds.
 SCALES = {

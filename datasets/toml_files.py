@@ -10,7 +10,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from filters.errors import DataError
+from ..filters.errors import DataError
 
 #: Longest line, and most characters in all.
 _LINE, _SIZE = 4096, 1 << 20

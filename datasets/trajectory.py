@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_interp_spline
 
-from datasets.sequence import GnssFixes, ImuData, Reference
-from filters.earth import OMEGA_IE_E, C_en_at, C_en_of, gravity_e, lla_to_ecef
-from filters.errors import DataError
-from filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix
-from filters.sensors import ImuSpec
+from ..filters.earth import OMEGA_IE_E, C_en_at, C_en_of, gravity_e, lla_to_ecef
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix
+from ..filters.sensors import ImuSpec
+from .sequence import GnssFixes, ImuData, Reference
 
 #: Lever of the IMU itself [m].
 IMU_POINT = (0.0, 0.0, 0.0)

@@ -8,10 +8,10 @@
 # %%
 import numpy as np
 
-from alignment.problem import ClockModel, build_problem
-from alignment.refinement import rotation_angle
-from alignment.simulation import simulate_window
-from alignment.verdict import align
+from certnav.alignment.problem import ClockModel, build_problem
+from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.simulation import simulate_window
+from certnav.alignment.verdict import align
 
 rng = np.random.default_rng(7)
 

@@ -14,14 +14,14 @@ matplotlib.use("Agg")  # a file, no window
 import matplotlib.pyplot as plt
 import numpy as np
 
-from datasets.great_writer import simulate_folder
-from datasets.load import load
-from datasets.simulator import SimulationConfig
-from nav.check import check
-from nav.config import load_config, to_toml
-from nav.evaluation import evaluate
-from nav.pipeline import navigate
-from nav.results import read_result, write_result
+from certnav.datasets.great_writer import simulate_folder
+from certnav.datasets.load import load
+from certnav.datasets.simulator import SimulationConfig
+from certnav.nav.check import check
+from certnav.nav.config import load_config, to_toml
+from certnav.nav.evaluation import evaluate
+from certnav.nav.pipeline import navigate
+from certnav.nav.results import read_result, write_result
 
 work = Path(tempfile.mkdtemp())
 

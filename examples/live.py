@@ -9,13 +9,13 @@ import dataclasses
 
 import numpy as np
 
-from datasets.simulator import SimulationConfig, simulate
-from datasets.trajectory import fixes_from_truth
-from filters.earth import C_en_of
-from nav.config import Config
-from nav.gnss import GnssEvent
-from nav.navigator import Navigator
-from nav.pipeline import navigate
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.trajectory import fixes_from_truth
+from certnav.filters.earth import C_en_of
+from certnav.nav.config import Config
+from certnav.nav.gnss import GnssEvent
+from certnav.nav.navigator import Navigator
+from certnav.nav.pipeline import navigate
 
 # %% [markdown]
 # An antenna's positions and velocities at 1 Hz; a receiver would deliver these.

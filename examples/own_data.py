@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from datasets.declare import draft_declaration
-from datasets.load import load
-from datasets.simulator import SimulationConfig, simulate
-from datasets.trajectory import fixes_from_truth
-from filters.earth import C_en_of, ecef_to_lla
-from filters.errors import NavError
-from nav.check import check
-from nav.config import Config
-from nav.pipeline import navigate
+from certnav.datasets.declare import draft_declaration
+from certnav.datasets.load import load
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.trajectory import fixes_from_truth
+from certnav.filters.earth import C_en_of, ecef_to_lla
+from certnav.filters.errors import NavError
+from certnav.nav.check import check
+from certnav.nav.config import Config
+from certnav.nav.pipeline import navigate
 
 folder = Path(tempfile.mkdtemp()) / "drive"
 folder.mkdir()

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from filters._jit import njit
-from filters.earth import EARTH_RATE, GM, J2, SEMI_MAJOR_AXIS
+from ._jit import njit
+from .earth import EARTH_RATE, GM, J2, SEMI_MAJOR_AXIS
 
 # Columns of a recorded row.
 ROW_TIME, ROW_POS, ROW_VEL, ROW_C = 0, 1, 4, 7

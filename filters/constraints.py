@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.earth import OMEGA_IE_E
-from filters.error_model import ATT, GYRO_BIAS, VEL
-from filters.measurements import Measurement
-from filters.rotation import FloatArray, skew
-from filters.strapdown import NavState
+from .earth import OMEGA_IE_E
+from .error_model import ATT, GYRO_BIAS, VEL
+from .measurements import Measurement
+from .rotation import FloatArray, skew
+from .strapdown import NavState
 
 
 def vehicle_velocity(

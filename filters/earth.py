@@ -12,7 +12,7 @@ import numpy as np
 import pymap3d
 from numpy.typing import ArrayLike
 
-from filters.rotation import FloatArray, skew
+from .rotation import FloatArray, skew
 
 #: Semi-major axis [m] and first eccentricity squared of WGS 84.
 SEMI_MAJOR_AXIS = 6378137.0

@@ -13,23 +13,15 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters import _kernels
-from filters._jit import COMPILED
-from filters.error_model import (
-    ACCEL_BIAS,
-    ATT,
-    CLOCK_DRIFT_SIGMA,
-    GYRO_BIAS,
-    POS,
-    VEL,
-    ErrorModel,
-)
-from filters.errors import DataError
-from filters.measurement_update import Update, compiled, innovation, turned, with_filterpy
-from filters.measurements import Measurement
-from filters.rotation import FloatArray
-from filters.smoother import Tape
-from filters.strapdown import InertialStream, NavState
+from . import _kernels
+from ._jit import COMPILED
+from .error_model import ACCEL_BIAS, ATT, CLOCK_DRIFT_SIGMA, GYRO_BIAS, POS, VEL, ErrorModel
+from .errors import DataError
+from .measurement_update import Update, compiled, innovation, turned, with_filterpy
+from .measurements import Measurement
+from .rotation import FloatArray
+from .smoother import Tape
+from .strapdown import InertialStream, NavState
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,10 +33,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters import _kernels
-from filters.errors import ConfigError
-from filters.rotation import FloatArray
-from filters.sensors import ImuSpec
+from . import _kernels
+from .errors import ConfigError
+from .rotation import FloatArray
+from .sensors import ImuSpec
 
 POS, VEL, ATT = slice(0, 3), slice(3, 6), slice(6, 9)
 GYRO_BIAS, ACCEL_BIAS = slice(9, 12), slice(12, 15)

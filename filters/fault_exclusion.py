@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from filters.rotation import FloatArray
+from .rotation import FloatArray
 
 
 @lru_cache(maxsize=256)

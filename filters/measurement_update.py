@@ -12,10 +12,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from filters._jit import njit
-from filters.errors import DataError
-from filters.measurements import Measurement
-from filters.rotation import FloatArray
+from ._jit import njit
+from .errors import DataError
+from .measurements import Measurement
+from .rotation import FloatArray
 
 #: Takes a covariance and a measurement; returns the error state and its covariance.
 Update = Callable[[FloatArray, Measurement], tuple[FloatArray, FloatArray]]

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.earth import OMEGA_IE_E, OMEGA_IE_SKEW
-from filters.error_model import ATT, GYRO_BIAS, POS, SHARED, VEL, shared_root
-from filters.rotation import FloatArray, skew
-from filters.strapdown import NavState
+from .earth import OMEGA_IE_E, OMEGA_IE_SKEW
+from .error_model import ATT, GYRO_BIAS, POS, SHARED, VEL, shared_root
+from .rotation import FloatArray, skew
+from .strapdown import NavState
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from filters.errors import ConfigError
+from .errors import ConfigError
 
 #: Standard gravity [m/s²], the g of datasheets.
 STANDARD_GRAVITY = 9.80665

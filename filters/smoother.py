@@ -14,9 +14,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from filters import _kernels
-from filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL
-from filters.rotation import FloatArray, matrix_from_rotvec
+from . import _kernels
+from .error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL
+from .rotation import FloatArray, matrix_from_rotvec
 
 _NO_COVARIANCE = np.empty(0)
 

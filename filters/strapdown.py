@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters import _kernels
-from filters.errors import DataError
-from filters.rotation import FloatArray
+from . import _kernels
+from .errors import DataError
+from .rotation import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

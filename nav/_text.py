@@ -14,8 +14,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from filters._jit import COMPILED, njit
-from filters.rotation import FloatArray
+from ..filters._jit import COMPILED, njit
+from ..filters.rotation import FloatArray
 
 _TEMPLATE = re.compile(r"%(?:(d)|\.([1-9])(f|g)|\.(1[0-5])(f))([, ]|$)")
 #: Longest number: sign, 19 digits, point, and the separator.

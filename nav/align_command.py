@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from alignment.exact import exact_proof
-from alignment.proof import write
-from alignment.verdict import Verdict
-from datasets.load import load
-from filters.errors import AlignmentError, ConfigError
-from nav.alignment_noise import WindowNoise
-from nav.alignment_windows import WindowOptions, WindowResult, align_recording, summary
-from nav.summary import strict
+from ..alignment.exact import exact_proof
+from ..alignment.proof import write
+from ..alignment.verdict import Verdict
+from ..datasets.load import load
+from ..filters.errors import AlignmentError, ConfigError
+from .alignment_noise import WindowNoise
+from .alignment_windows import WindowOptions, WindowResult, align_recording, summary
+from .summary import strict
 
 # Okabe–Ito.
 _BLUE, _ORANGE, _GREY = "#0072B2", "#D55E00", "#999999"

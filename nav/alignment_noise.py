@@ -14,13 +14,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from alignment.problem import AlignmentRows, ClockModel
-from alignment.robust import robust_residuals
-from datasets.sequence import GnssObservations
-from filters.errors import AlignmentError
-from filters.rotation import FloatArray
-from velocity.doppler_noise import correlated_epochs, fit_doppler_noise
-from velocity.range_rate import DopplerNoise
+from ..alignment.problem import AlignmentRows, ClockModel
+from ..alignment.robust import robust_residuals
+from ..datasets.sequence import GnssObservations
+from ..filters.errors import AlignmentError
+from ..filters.rotation import FloatArray
+from ..velocity.doppler_noise import correlated_epochs, fit_doppler_noise
+from ..velocity.range_rate import DopplerNoise
 
 #: Alignment and fit by turns; the third changes σ by less than 5 %.
 _ROUNDS = 2

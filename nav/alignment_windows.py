@@ -8,20 +8,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.baselines import gauss_newton, voba
-from alignment.certifiable import align_sdp, attitude_covariance
-from alignment.local_velocity import LocalTrack, inertial_track, planar_track
-from alignment.priors import Prior, up_prior, with_priors
-from alignment.problem import AlignmentRows, ClockModel, build_problem
-from alignment.robust import align_robust
-from alignment.verdict import AlignmentResult, Verdict, align
-from datasets.sequence import GnssObservations, Sequence
-from filters.earth import C_en_of
-from filters.errors import AlignmentError, ConfigError
-from filters.rotation import FloatArray, wrap_angle
-from filters.strapdown import InertialStream
-from nav.alignment_noise import WindowNoise, fit_window_noise
-from velocity.range_rate import doppler_rows, with_elevation
+from ..alignment.baselines import gauss_newton, voba
+from ..alignment.certifiable import align_sdp, attitude_covariance
+from ..alignment.local_velocity import LocalTrack, inertial_track, planar_track
+from ..alignment.priors import Prior, up_prior, with_priors
+from ..alignment.problem import AlignmentRows, ClockModel, build_problem
+from ..alignment.robust import align_robust
+from ..alignment.verdict import AlignmentResult, Verdict, align
+from ..datasets.sequence import GnssObservations, Sequence
+from ..filters.earth import C_en_of
+from ..filters.errors import AlignmentError, ConfigError
+from ..filters.rotation import FloatArray, wrap_angle
+from ..filters.strapdown import InertialStream
+from ..velocity.range_rate import doppler_rows, with_elevation
+from .alignment_noise import WindowNoise, fit_window_noise
 
 METHODS = ("certified", "robust", "sdp", "voba", "gauss-newton")
 

@@ -12,11 +12,11 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from datasets.sequence import ImuData
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ATT, VEL
-from filters.rotation import FloatArray
-from nav.gnss import GnssEvent
+from ..datasets.sequence import ImuData
+from ..filters.ekf import ErrorStateFilter
+from ..filters.error_model import ATT, VEL
+from ..filters.rotation import FloatArray
+from .gnss import GnssEvent
 
 #: What a car may do unseen, 1σ: turn about the vertical and tilt [rad/s], accelerate [m/s²]. In a
 #: spell shorter than a second it cannot have changed that much: proportionally less.

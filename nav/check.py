@@ -14,19 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from datasets import gpstime
-from datasets.physics import collected_refusals
-from datasets.sequence import Sequence
-from filters.earth import SPEED_OF_LIGHT
-from filters.errors import ConfigError, DataError, NavError
-from filters.rotation import FloatArray
-from nav import checks_motion as motion
-from nav.checks_gnss import gnss_findings
-from nav.checks_inertial import inertial_findings
-from nav.checks_reference import reference_findings
-from nav.config import GnssConfig
-from nav.findings import Finding, Report, clock, in_order
-from nav.tracks import Track, Tracks, differenced, thinned, tracks
+from ..datasets import gpstime
+from ..datasets.physics import collected_refusals
+from ..datasets.sequence import Sequence
+from ..filters.earth import SPEED_OF_LIGHT
+from ..filters.errors import ConfigError, DataError, NavError
+from ..filters.rotation import FloatArray
+from . import checks_motion as motion
+from .checks_gnss import gnss_findings
+from .checks_inertial import inertial_findings
+from .checks_reference import reference_findings
+from .config import GnssConfig
+from .findings import Finding, Report, clock, in_order
+from .tracks import Track, Tracks, differenced, thinned, tracks
 
 #: Parts that overlap the IMU for less than this share of their time are doubtful.
 _OVERLAP = 0.5
@@ -68,7 +68,7 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None) -> Report:
     Report
         What cannot be read is a fatal finding, not an exception.
     """
-    from datasets.load import load
+    from ..datasets.load import load
 
     try:
         # Units and axes a reader would refuse are judged here, with everything else beside them.
@@ -194,7 +194,7 @@ def _positions(sequence: Sequence) -> tuple[FloatArray, FloatArray] | None:
     observations = thinned(sequence.observations, _FIXES)
     if observations is None or not sequence.navigation or sequence.reference is None:
         return None
-    from datasets.rtklib import single_point
+    from ..datasets.rtklib import single_point
 
     try:
         found = single_point(observations, sequence.navigation, elevation_mask=np.radians(10.0))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 
-from filters.errors import ConfigError
-from nav.check import check
-from nav.config import load_config
+from ..filters.errors import ConfigError
+from .check import check
+from .config import load_config
 
 
 def check_recording(arguments: argparse.Namespace) -> int:

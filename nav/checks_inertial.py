@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.sequence import ImuData, Sequence
-from filters.earth import gravity_e
-from filters.rotation import FloatArray
-from filters.sensors import STANDARD_GRAVITY, ImuSpec
-from nav.findings import Finding, clock
-from nav.tracks import Track
+from ..datasets.sequence import ImuData, Sequence
+from ..filters.earth import gravity_e
+from ..filters.rotation import FloatArray
+from ..filters.sensors import STANDARD_GRAVITY, ImuSpec
+from .findings import Finding, clock
+from .tracks import Track
 
 _WINDOW = 1.0
 #: A window is at rest if GNSS says slower than this [m/s] …

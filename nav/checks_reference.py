@@ -10,19 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from datasets.sequence import Reference, Sequence
-from filters.earth import C_en_of
-from filters.rotation import FloatArray, matrix_from_rpy
-from nav.checks_motion import (
-    COURSE_SPEED,
-    LAG_TOLERANCE,
-    increments,
-    leap_remedy,
-    leap_second_words,
-)
-from nav.findings import Finding
-from nav.lag import Lag, find_lag
-from nav.tracks import Track, Tracks
+from ..datasets.sequence import Reference, Sequence
+from ..filters.earth import C_en_of
+from ..filters.rotation import FloatArray, matrix_from_rpy
+from .checks_motion import COURSE_SPEED, LAG_TOLERANCE, increments, leap_remedy, leap_second_words
+from .findings import Finding
+from .lag import Lag, find_lag
+from .tracks import Track, Tracks
 
 _BLOCKS = 8
 #: Slower epochs take no part in the fit [m/s].

@@ -10,12 +10,12 @@ import os
 import sys
 from pathlib import Path
 
-from filters.errors import NavError
-from nav.compare_command import DESCRIPTION as COMPARE_DESCRIPTION
-from nav.compare_command import REPORT_DESCRIPTION, add_report_arguments
-from nav.compare_command import add_arguments as add_compare_arguments
-from nav.tuning_command import DESCRIPTION as TUNE_DESCRIPTION
-from nav.tuning_command import add_arguments as add_tuning_arguments
+from ..filters.errors import NavError
+from .compare_command import DESCRIPTION as COMPARE_DESCRIPTION
+from .compare_command import REPORT_DESCRIPTION, add_report_arguments
+from .compare_command import add_arguments as add_compare_arguments
+from .tuning_command import DESCRIPTION as TUNE_DESCRIPTION
+from .tuning_command import add_arguments as add_tuning_arguments
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -85,7 +85,7 @@ def _parser() -> argparse.ArgumentParser:
         "--great", metavar="NAME",
         help="the folder is this GREAT sequence (campus-01 …): take what the catalogue knows of it",
     )  # fmt: skip
-    run.set_defaults(command="nav.run_command:run")
+    run.set_defaults(command="certnav.nav.run_command:run")
 
     run.add_argument("--no-report", action="store_true", help="leave report.html out: faster")
     run.add_argument("--smooth", action="store_true", help="smooth: every epoch knows all data")
@@ -104,7 +104,7 @@ def _parser() -> argparse.ArgumentParser:
         "--set", action="append", default=[], metavar="data.KEY=VALUE", help="reader option"
     )
     check.add_argument("--json", action="store_true", help="print JSON instead of the page")
-    check.set_defaults(command="nav.check_command:check_recording")
+    check.set_defaults(command="certnav.nav.check_command:check_recording")
 
     declare = commands.add_parser(
         "declare",
@@ -116,7 +116,7 @@ def _parser() -> argparse.ArgumentParser:
     declare.add_argument(
         "--out", type=Path, metavar="FILE", help="write it there, not to the screen"
     )
-    declare.set_defaults(command="nav.data_commands:declare")
+    declare.set_defaults(command="certnav.nav.data_commands:declare")
 
     datasets = commands.add_parser(
         "datasets",
@@ -125,11 +125,11 @@ def _parser() -> argparse.ArgumentParser:
         "import: put downloaded archives into the layout `certnav run` reads.",
     )
     actions = datasets.add_subparsers(metavar="ACTION")
-    datasets.set_defaults(command="nav.data_commands:catalogue")
+    datasets.set_defaults(command="certnav.nav.data_commands:catalogue")
     arrange = actions.add_parser("import", help="arrange downloaded archives")
     arrange.add_argument("archives", type=Path, nargs="+", metavar="ZIP")
     arrange.add_argument("--to", type=Path, required=True, metavar="DIR")
-    arrange.set_defaults(command="nav.data_commands:arrange")
+    arrange.set_defaults(command="certnav.nav.data_commands:arrange")
 
     align = commands.add_parser(
         "align",
@@ -167,7 +167,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     align.add_argument("--json", action="store_true", help="print JSON instead of the table")
     align.add_argument("--plot", type=Path, metavar="FILE", help="draw headings and errors (PNG)")
-    align.set_defaults(command="nav.align_command:align")
+    align.set_defaults(command="certnav.nav.align_command:align")
 
     verify = commands.add_parser(
         "verify",
@@ -176,26 +176,26 @@ def _parser() -> argparse.ArgumentParser:
         "the cost matrix in the file, no rotation costs less than the bound.",
     )
     verify.add_argument("path", type=Path, metavar="FILE")
-    verify.set_defaults(command="nav.verify_command:verify")
+    verify.set_defaults(command="certnav.nav.verify_command:verify")
 
     tune = commands.add_parser(
         "tune", help="find screening thresholds, cross-validated", description=TUNE_DESCRIPTION
     )
     add_tuning_arguments(tune)
-    tune.set_defaults(command="nav.tuning_command:run")
+    tune.set_defaults(command="certnav.nav.tuning_command:run")
 
     compare = commands.add_parser(
         "compare", help="set methods against each other in spells of weak GNSS",
         description=COMPARE_DESCRIPTION,
     )  # fmt: skip
     add_compare_arguments(compare)
-    compare.set_defaults(command="nav.compare_command:run")
+    compare.set_defaults(command="certnav.nav.compare_command:run")
 
     report = commands.add_parser(
         "report", help="merge result directories into one page", description=REPORT_DESCRIPTION
     )
     add_report_arguments(report)
-    report.set_defaults(command="nav.compare_command:report")
+    report.set_defaults(command="certnav.nav.compare_command:report")
 
     simulate = commands.add_parser(
         "simulate",
@@ -216,7 +216,7 @@ def _parser() -> argparse.ArgumentParser:
         "--base-distance", type=float, metavar="M", help="also a base station, so far away [m]"
     )
     simulate.add_argument("--overwrite", action="store_true")
-    simulate.set_defaults(command="nav.simulate_command:simulate")
+    simulate.set_defaults(command="certnav.nav.simulate_command:simulate")
 
     demo = commands.add_parser(
         "demo",
@@ -224,7 +224,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Simulate a city drive in the GREAT layout, navigate it, write the report.",
     )
     demo.add_argument("--out", type=Path, default=Path("results/demo"), metavar="DIR")
-    demo.set_defaults(command="nav.run_command:demo")
+    demo.set_defaults(command="certnav.nav.run_command:demo")
     return parser
 
 

@@ -22,18 +22,18 @@ from typing import Any
 
 import numpy as np
 
-from datasets.sequence import Reference, Sequence
-from filters.earth import C_en_of, ecef_to_lla
-from filters.errors import AlignmentError, ConfigError, NavError
-from filters.rotation import FloatArray, rpy_from_matrix
-from nav.config import Config, to_toml
-from nav.degradation import Outages, degrade, in_spells
-from nav.evaluation import METRICS, Evaluation, evaluate, normalised_nis
-from nav.methods import Method, fresh, solve
-from nav.pipeline import navigate
-from nav.results import write_result
-from nav.solution import AlignmentReport, Solution
-from nav.sweep import in_parallel
+from ..datasets.sequence import Reference, Sequence
+from ..filters.earth import C_en_of, ecef_to_lla
+from ..filters.errors import AlignmentError, ConfigError, NavError
+from ..filters.rotation import FloatArray, rpy_from_matrix
+from .config import Config, to_toml
+from .degradation import Outages, degrade, in_spells
+from .evaluation import METRICS, Evaluation, evaluate, normalised_nis
+from .methods import Method, fresh, solve
+from .pipeline import navigate
+from .results import write_result
+from .solution import AlignmentReport, Solution
+from .sweep import in_parallel
 
 #: After alignment, before the first periodic spell [s]: a filter needs to settle.
 SETTLE = 10.0
@@ -306,7 +306,7 @@ def _carry_out(task: _Task, sequence: Sequence) -> Run:
 
 
 def _windows(sequence: Sequence, task: _Task) -> Run:
-    from nav.alignment_windows import WindowOptions, align_windows, summary
+    from .alignment_windows import WindowOptions, align_windows, summary
 
     name = task.method.name
     try:

@@ -62,15 +62,15 @@ def run(arguments: argparse.Namespace) -> None:
     import shutil
     import tempfile
 
-    from datasets.cache import kept_in
-    from datasets.load import load
-    from filters.errors import ConfigError
-    from nav.compare import compare
-    from nav.compare_report import write_page
-    from nav.config import load_config
-    from nav.degradation import parse_outages
-    from nav.methods import parse_methods
-    from nav.progress import progress
+    from ..datasets.cache import kept_in
+    from ..datasets.load import load
+    from ..filters.errors import ConfigError
+    from .compare import compare
+    from .compare_report import write_page
+    from .config import load_config
+    from .degradation import parse_outages
+    from .methods import parse_methods
+    from .progress import progress
 
     if arguments.seeds < 1:
         raise ConfigError(f"--seeds: expected at least 1, found {arguments.seeds}")
@@ -102,7 +102,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 def report(arguments: argparse.Namespace) -> None:
     """Merge result directories into one page."""
-    from nav.compare_report import merge, write_page
+    from .compare_report import merge, write_page
 
     out: Path = arguments.out.resolve()
     _check_replaceable(out)
@@ -113,8 +113,8 @@ def report(arguments: argparse.Namespace) -> None:
 
 def _check_replaceable(out: Path) -> None:
     """Refuse to write over anything but a comparison or an empty folder."""
-    from filters.errors import DataError
-    from nav.compare_report import DATA
+    from ..filters.errors import DataError
+    from .compare_report import DATA
 
     if not out.exists() or (out / DATA).is_file() or (out.is_dir() and not any(out.iterdir())):
         return
@@ -125,9 +125,9 @@ def _check_replaceable(out: Path) -> None:
 
 
 def _say(comparison: Any, out: Path, as_json: bool) -> None:
-    from nav.compare import as_dict
-    from nav.compare_report import PAGE
-    from nav.summary import strict
+    from .compare import as_dict
+    from .compare_report import PAGE
+    from .summary import strict
 
     content = as_dict(comparison)
     if as_json:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from filters.rotation import FloatArray
-from nav import figures
-from nav.compare import Comparison, Run, SpellFigures
+from ..filters.rotation import FloatArray
+from . import figures
+from .compare import Comparison, Run, SpellFigures
 
 #: Colour by what a method is at heart; line by what was added.
 _COLOURS = {

@@ -10,23 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from filters.earth import lla_to_ecef
-from filters.errors import DataError
-from filters.rotation import FloatArray
-from nav import page
-from nav.compare import (
-    SIDECAR,
-    Comparison,
-    Run,
-    as_dict,
-    figures_of,
-    reduced,
-    thin_track,
-)
-from nav.compare_figures import drift_figure, growth_figure, track_figure
-from nav.results import is_result, read_result
-from nav.summary import strict
-from nav.verdict import length, percent, quantity
+from ..filters.earth import lla_to_ecef
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray
+from . import page
+from .compare import SIDECAR, Comparison, Run, as_dict, figures_of, reduced, thin_track
+from .compare_figures import drift_figure, growth_figure, track_figure
+from .results import is_result, read_result
+from .summary import strict
+from .verdict import length, percent, quantity
 
 PAGE, DATA = "comparison.html", "comparison.json"
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 
-from datasets.catalogue import catalogue_text
-from datasets.declare import draft_declaration
-from datasets.great_import import import_archives
-from filters.errors import DataError
+from ..datasets.catalogue import catalogue_text
+from ..datasets.declare import draft_declaration
+from ..datasets.great_import import import_archives
+from ..filters.errors import DataError
 
 
 def declare(arguments: argparse.Namespace) -> None:

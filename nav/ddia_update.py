@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from datasets.sequence import Calibration
-from filters import measurements
-from filters.earth import OMEGA_IE_E
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ATT
-from filters.measurements import Measurement
-from velocity.ddia import AidedVelocity
-from velocity.forward_motion import ForwardMotion, forward_motion
+from ..datasets.sequence import Calibration
+from ..filters import measurements
+from ..filters.earth import OMEGA_IE_E
+from ..filters.ekf import ErrorStateFilter
+from ..filters.error_model import ATT
+from ..filters.measurements import Measurement
+from ..velocity.ddia import AidedVelocity
+from ..velocity.forward_motion import ForwardMotion, forward_motion
 
 #: 1σ of a car's velocity across its own axis, per axis [m/s]: sideslip and suspension.
 SIGMA_CROSS = 0.1

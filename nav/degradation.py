@@ -30,11 +30,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.sequence import GnssObservations, Sequence
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
-from nav.tracks import Track, tracks
-from velocity.range_rate import with_elevation
+from ..datasets.sequence import GnssObservations, Sequence
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray
+from ..velocity.range_rate import with_elevation
+from .tracks import Track, tracks
 
 #: What marked observations say.
 REASON = "outage (simulated)"

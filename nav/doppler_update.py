@@ -15,18 +15,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.sequence import Calibration
-from filters import constraints, measurements
-from filters.ekf import ErrorStateFilter, Outcome
-from filters.error_model import CLOCK_DRIFT_SIGMA
-from filters.measurements import Measurement
-from filters.rotation import FloatArray
-from nav import ddia_update
-from nav.config import GnssConfig
-from nav.gnss import doppler_noise
-from velocity.aided_screening import agreeing
-from velocity.ddia import ddia_velocity
-from velocity.range_rate import DopplerRows
+from ..datasets.sequence import Calibration
+from ..filters import constraints, measurements
+from ..filters.ekf import ErrorStateFilter, Outcome
+from ..filters.error_model import CLOCK_DRIFT_SIGMA
+from ..filters.measurements import Measurement
+from ..filters.rotation import FloatArray
+from ..velocity.aided_screening import agreeing
+from ..velocity.ddia import ddia_velocity
+from ..velocity.range_rate import DopplerRows
+from . import ddia_update
+from .config import GnssConfig
+from .gnss import doppler_noise
 
 
 class DopplerScreening:

@@ -12,10 +12,10 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from filters.ekf import gate_limit
-from filters.rotation import FloatArray
-from nav.findings import clock
-from nav.solution import Update
+from ..filters.ekf import gate_limit
+from ..filters.rotation import FloatArray
+from .findings import clock
+from .solution import Update
 
 #: Updates that no sensor has measured.
 _CONSTRAINTS = ("nhc", "zupt", "zaru")

@@ -23,18 +23,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.sequence import ImuData, Reference, Sequence
-from filters.earth import OMEGA_IE_E, C_en_of, ecef_to_lla
-from filters.errors import DataError
-from filters.rotation import (
+from ..datasets.sequence import ImuData, Reference, Sequence
+from ..filters.earth import OMEGA_IE_E, C_en_of, ecef_to_lla
+from ..filters.errors import DataError
+from ..filters.rotation import (
     FloatArray,
     matrix_from_rpy,
     orthonormalise,
     rpy_from_matrix,
     wrap_angle,
 )
-from nav.interpolation import covered, interpolate
-from nav.solution import Epochs, Solution, Trajectory, Update
+from .interpolation import covered, interpolate
+from .solution import Epochs, Solution, Trajectory, Update
 
 #: Error figures every evaluation has; None where the reference does not tell.
 METRICS = (

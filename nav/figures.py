@@ -21,12 +21,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from filters.earth import C_en_of, lla_to_ecef
-from filters.rotation import FloatArray
-from filters.sensors import STANDARD_GRAVITY
-from nav.evaluation import rpy_covariance, standard_deviation, usable_at
-from nav.formats import geodetic_and_ned
-from nav.results import Result
+from ..filters.earth import C_en_of, lla_to_ecef
+from ..filters.rotation import FloatArray
+from ..filters.sensors import STANDARD_GRAVITY
+from .evaluation import rpy_covariance, standard_deviation, usable_at
+from .formats import geodetic_and_ned
+from .results import Result
 
 T = TypeVar("T")
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from datasets.gpstime import SECONDS_PER_WEEK
+from ..datasets.gpstime import SECONDS_PER_WEEK
 
 #: From worst to best. 'fatal': cannot be navigated as it stands. 'doubtful': can, but something
 #: contradicts physics or could not be right. 'note': verified, or not testable, or to declare.

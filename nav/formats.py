@@ -12,14 +12,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from datasets.gpstime import from_unix, to_week_sow
-from filters.earth import C_en_at, ecef_to_lla
-from filters.errors import ConfigError
-from filters.rotation import FloatArray, rpy_from_matrix
-from nav._text import row_blocks
-from nav.evaluation import usable_at
-from nav.solution import Epochs, Trajectory
-from nav.sweep import in_order
+from ..datasets.gpstime import from_unix, to_week_sow
+from ..filters.earth import C_en_at, ecef_to_lla
+from ..filters.errors import ConfigError
+from ..filters.rotation import FloatArray, rpy_from_matrix
+from ._text import row_blocks
+from .evaluation import usable_at
+from .solution import Epochs, Trajectory
+from .sweep import in_order
 
 _Part = TypeVar("_Part")
 

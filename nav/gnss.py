@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.inertial_rows import DopplerEpoch
-from datasets.sequence import GnssFixes, GnssObservations, Sequence
-from filters.earth import SPEED_OF_LIGHT
-from filters.errors import ConfigError
-from filters.rotation import FloatArray
-from nav.config import GnssConfig
-from nav.solution import Epochs
-from velocity.range_rate import DopplerNoise
+from ..alignment.inertial_rows import DopplerEpoch
+from ..datasets.sequence import GnssFixes, GnssObservations, Sequence
+from ..filters.earth import SPEED_OF_LIGHT
+from ..filters.errors import ConfigError
+from ..filters.rotation import FloatArray
+from ..velocity.range_rate import DopplerNoise
+from .config import GnssConfig
+from .solution import Epochs
 
 if TYPE_CHECKING:
-    from datasets.rtklib import SinglePoint
+    from ..datasets.rtklib import SinglePoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         events, where, faulty, doubts = _single_point(observations, sequence, config)
         notes += doubts
         if position == "rtk":
-            from nav.relative import with_relative_positions
+            from .relative import with_relative_positions
 
             lost = ~np.isin(observations.time, where.time)  # code that no fix vouches for
             screened = observations.mark(faulty | lost, "not in the single-point fix")
@@ -225,7 +225,7 @@ def _single_point(
     observations: GnssObservations, sequence: Sequence, config: GnssConfig
 ) -> tuple[list[GnssEvent], _Whereabouts, NDArray[np.bool_], tuple[str, ...]]:
     """Return single-point positions as events and as whereabouts, faulty rows, and notes."""
-    from datasets.rtklib import single_point
+    from ..datasets.rtklib import single_point
 
     spp = single_point(
         observations,
@@ -301,7 +301,7 @@ def _masked(
     observations: GnssObservations, where: _Whereabouts, config: GnssConfig
 ) -> GnssObservations:
     """Return the observations with elevations filled in and low satellites marked."""
-    from velocity.range_rate import with_elevation
+    from ..velocity.range_rate import with_elevation
 
     observations = with_elevation(observations, where.at(observations.time))
     low = observations.elevation < np.radians(config.elevation_mask_deg)
@@ -315,8 +315,8 @@ def _doppler(
 
     Rows that the residual test of least squares excludes come back marked.
     """
-    from velocity.least_squares import doppler_velocity, mark_rejected
-    from velocity.range_rate import doppler_rows
+    from ..velocity.least_squares import doppler_velocity, mark_rejected
+    from ..velocity.range_rate import doppler_rows
 
     rows = doppler_rows(observations, where.at(observations.time), doppler_noise(config))
     scale, floor = config.velocity_sigma_scale, config.velocity_sigma_floor_mps

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from filters.errors import DataError
-from filters.rotation import FloatArray, matrix_from_rotvec
-from nav.solution import Trajectory
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray, matrix_from_rotvec
+from .solution import Trajectory
 
 
 def covered(node_time: FloatArray, time: FloatArray, max_gap: float) -> np.ndarray:

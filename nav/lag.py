@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.rotation import FloatArray
+from ..filters.rotation import FloatArray
 
 #: Lags searched [s]: twice the leap seconds and some.
 SEARCH = 40.0

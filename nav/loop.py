@@ -13,23 +13,18 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from datasets.sequence import Calibration
-from filters import measurements
-from filters.ekf import ErrorStateFilter, Outcome
-from filters.errors import DataError
-from filters.measurements import Measurement
-from nav import blind
-from nav.config import Config
-from nav.doppler_update import (
-    DopplerScreening,
-    apply_ddia,
-    rows_measurement,
-    straight_ahead,
-)
-from nav.gnss import GnssEvent, doppler_noise
-from nav.solution import UPDATE_KINDS, Update
-from nav.vehicle import VehicleConstraints
-from velocity.range_rate import DopplerRows, doppler_rows
+from ..datasets.sequence import Calibration
+from ..filters import measurements
+from ..filters.ekf import ErrorStateFilter, Outcome
+from ..filters.errors import DataError
+from ..filters.measurements import Measurement
+from ..velocity.range_rate import DopplerRows, doppler_rows
+from . import blind
+from .config import Config
+from .doppler_update import DopplerScreening, apply_ddia, rows_measurement, straight_ahead
+from .gnss import GnssEvent, doppler_noise
+from .solution import UPDATE_KINDS, Update
+from .vehicle import VehicleConstraints
 
 #: Satellites from which on least squares checks itself well enough to be held against the filter.
 _CHECKED = 6

@@ -21,16 +21,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from datasets.sequence import Sequence
-from filters.earth import C_en_of
-from filters.errors import AlignmentError, ConfigError
-from filters.rotation import FloatArray, matrix_from_rpy
-from nav.config import Config
-from nav.degradation import Outages, degrade
-from nav.gnss import GnssEvent, gnss_timeline
-from nav.interpolation import covered
-from nav.pipeline import navigate
-from nav.solution import AlignmentReport, Solution, Trajectory, Update
+from ..datasets.sequence import Sequence
+from ..filters.earth import C_en_of
+from ..filters.errors import AlignmentError, ConfigError
+from ..filters.rotation import FloatArray, matrix_from_rpy
+from .config import Config
+from .degradation import Outages, degrade
+from .gnss import GnssEvent, gnss_timeline
+from .interpolation import covered
+from .pipeline import navigate
+from .solution import AlignmentReport, Solution, Trajectory, Update
 
 #: Below this speed the course of a GNSS velocity is no heading; the last one is held [m/s].
 _MIN_SPEED = 2.0

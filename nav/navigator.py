@@ -21,19 +21,19 @@ from itertools import count
 import numpy as np
 from numpy.typing import ArrayLike
 
-from datasets.sequence import Calibration, Odometer
-from filters.error_model import ErrorModel
-from filters.errors import AlignmentError, DataError
-from filters.rotation import FloatArray
-from filters.sensors import imu_preset
-from filters.strapdown import InertialStream, NavState, integrate
-from nav.blind import Spell, is_gap
-from nav.config import Config
-from nav.gnss import GnssEvent
-from nav.loop import FilterLoop
-from nav.solution import Update
-from nav.start import Start, StartFinder, start_filter
-from nav.vehicle import VehicleConstraints
+from ..datasets.sequence import Calibration, Odometer
+from ..filters.error_model import ErrorModel
+from ..filters.errors import AlignmentError, DataError
+from ..filters.rotation import FloatArray
+from ..filters.sensors import imu_preset
+from ..filters.strapdown import InertialStream, NavState, integrate
+from .blind import Spell, is_gap
+from .config import Config
+from .gnss import GnssEvent
+from .loop import FilterLoop
+from .solution import Update
+from .start import Start, StartFinder, start_filter
+from .vehicle import VehicleConstraints
 
 
 class LiveStream(InertialStream):

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from matplotlib.figure import Figure
 
-from nav.figures import render
+from .figures import render
 
 T = TypeVar("T")
 

@@ -8,25 +8,25 @@ from collections.abc import Callable
 
 import numpy as np
 
-from datasets.sequence import Sequence
-from filters import _kernels
-from filters.earth import C_en_of
-from filters.error_model import ErrorModel
-from filters.rotation import FloatArray
-from filters.sensors import imu_preset
-from filters.smoother import smooth
-from filters.strapdown import InertialStream
-from nav._frames import ned_covariances
-from nav.blind import Spell, blind_spells
-from nav.config import Config
-from nav.doubts import doubts
-from nav.findings import clock
-from nav.gnss import gnss_timeline
-from nav.loop import Diverged, FilterLoop
-from nav.solution import Solution, Trajectory
-from nav.start import find_start, start_filter
-from nav.sweep import in_order
-from nav.vehicle import VehicleConstraints
+from ..datasets.sequence import Sequence
+from ..filters import _kernels
+from ..filters.earth import C_en_of
+from ..filters.error_model import ErrorModel
+from ..filters.rotation import FloatArray
+from ..filters.sensors import imu_preset
+from ..filters.smoother import smooth
+from ..filters.strapdown import InertialStream
+from ._frames import ned_covariances
+from .blind import Spell, blind_spells
+from .config import Config
+from .doubts import doubts
+from .findings import clock
+from .gnss import gnss_timeline
+from .loop import Diverged, FilterLoop
+from .solution import Solution, Trajectory
+from .start import find_start, start_filter
+from .sweep import in_order
+from .vehicle import VehicleConstraints
 
 Progress = Callable[[float, str], None]
 

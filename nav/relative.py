@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.sequence import GnssObservations, Sequence
-from filters.errors import DataError
-from nav.config import GnssConfig
-from nav.gnss import GnssEvent, inflated
+from ..datasets.sequence import GnssObservations, Sequence
+from ..filters.errors import DataError
+from .config import GnssConfig
+from .gnss import GnssEvent, inflated
 
 #: Median distance to the single-point positions beyond which the base cannot be where it is
 #: said to be [m].
@@ -33,7 +33,7 @@ def with_relative_positions(
         No usable base file, no relative position at all, or positions that contradict the
         single-point ones throughout.
     """
-    from datasets.rtklib import relative_positions
+    from ..datasets.rtklib import relative_positions
 
     assert sequence.rover_file is not None
     found = relative_positions(
@@ -88,7 +88,7 @@ def base_files(config: GnssConfig, sequence: Sequence) -> tuple[Path, ...]:
     given = Path(config.base)
     if not given.is_dir():
         return (given,)
-    from datasets.great_files import is_rinex_name, rinex_kind
+    from ..datasets.great_files import is_rinex_name, rinex_kind
 
     files = sorted(f for f in given.iterdir() if f.is_file() and is_rinex_name(f.name))
     files = [f for f in files if rinex_kind(f) == "O"]

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.gpstime import to_calendar, to_week_sow
-from nav import figures, page
-from nav.evaluation import normalised_nis, standard_deviation
-from nav.results import Result, read_result
-from nav.verdict import duration, gate_activity, length, quantity, verdict
+from ..datasets.gpstime import to_calendar, to_week_sow
+from . import figures, page
+from .evaluation import normalised_nis, standard_deviation
+from .results import Result, read_result
+from .verdict import duration, gate_activity, length, quantity, verdict
 
 
 def write_report(directory: Path) -> Path:

@@ -30,14 +30,14 @@ from typing import Any
 
 import numpy as np
 
-from datasets.sequence import Sequence
-from filters.errors import DataError
-from nav.evaluation import Evaluation, without_reference
-from nav.formats import check_formats, write_formats
-from nav.placing import SEAL, clean, current, new_draft, place
-from nav.solution import AlignmentReport, Solution
-from nav.summary import strict, summarise
-from nav.tables import (
+from ..datasets.sequence import Sequence
+from ..filters.errors import DataError
+from .evaluation import Evaluation, without_reference
+from .formats import check_formats, write_formats
+from .placing import SEAL, clean, current, new_draft, place
+from .solution import AlignmentReport, Solution
+from .summary import strict, summarise
+from .tables import (
     read_attempts,
     read_epochs,
     read_errors,
@@ -145,7 +145,7 @@ def write_result(
         (draft / "summary.json").write_text(text + "\n", encoding="utf-8")
         write_formats(draft, formats, solution.trajectory, solution.epochs)
         if report:
-            from nav.report import write_report  # matplotlib is slow to import
+            from .report import write_report  # matplotlib is slow to import
 
             write_report(draft)
         place(draft, out)

@@ -7,20 +7,20 @@ import dataclasses
 import time
 from pathlib import Path
 
-from datasets.cache import kept_in
-from datasets.catalogue import great_sequence
-from datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
-from datasets.load import load
-from datasets.sequence import Sequence
-from filters.errors import ConfigError, DataError
-from nav.check import check_sequence
-from nav.config import Config, load_config, to_toml
-from nav.evaluation import Evaluation, evaluate, normalised_nis, without_reference
-from nav.formats import parse_formats
-from nav.pipeline import navigate
-from nav.progress import announce_kernels, progress
-from nav.results import check_replaceable, write_result
-from nav.solution import Solution
+from ..datasets.cache import kept_in
+from ..datasets.catalogue import great_sequence
+from ..datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
+from ..datasets.load import load
+from ..datasets.sequence import Sequence
+from ..filters.errors import ConfigError, DataError
+from .check import check_sequence
+from .config import Config, load_config, to_toml
+from .evaluation import Evaluation, evaluate, normalised_nis, without_reference
+from .formats import parse_formats
+from .pipeline import navigate
+from .progress import announce_kernels, progress
+from .results import check_replaceable, write_result
+from .solution import Solution
 
 #: The demo: a drive between tall buildings, long enough for satellites to come and go.
 DEMO_SEED, DEMO_DURATION = 2, 600.0
@@ -52,8 +52,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 def demo(arguments: argparse.Namespace) -> None:
     """Simulate a drive in the GREAT layout and navigate it."""
-    from datasets.great_writer import simulate_folder
-    from datasets.simulator import SimulationConfig
+    from ..datasets.great_writer import simulate_folder
+    from ..datasets.simulator import SimulationConfig
 
     out: Path = arguments.out
     drive = out.parent / f"{out.name}-drive"

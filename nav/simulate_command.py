@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from datasets.great_writer import simulate_folder
-from datasets.simulator import SimulationConfig
-from nav.progress import progress
+from ..datasets.great_writer import simulate_folder
+from ..datasets.simulator import SimulationConfig
+from .progress import progress
 
 
 def simulate(arguments: argparse.Namespace) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from filters.rotation import FloatArray
+from ..filters.rotation import FloatArray
 
 #: Kinds of update the pipeline offers to the filter.
 UPDATE_KINDS = ("position", "velocity", "doppler", "nhc", "zupt", "zaru", "odometer")

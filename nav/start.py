@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.initial import (
+from ..alignment.initial import (
     LEVEL_WINDOW,
     REST_SPEED,
     InitialAttitude,
@@ -33,20 +33,20 @@ from alignment.initial import (
     given_attitude,
     level_and_course,
 )
-from datasets.sequence import Calibration
-from filters.earth import OMEGA_IE_E, C_en_of
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, VEL, ErrorModel
-from filters.errors import AlignmentError
-from filters.rotation import FloatArray
-from filters.strapdown import InertialStream, NavState
-from nav.config import AlignmentConfig, FilterConfig
-from nav.gnss import GnssEvent
-from nav.solution import AlignmentReport
+from ..datasets.sequence import Calibration
+from ..filters.earth import OMEGA_IE_E, C_en_of
+from ..filters.ekf import ErrorStateFilter
+from ..filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, VEL, ErrorModel
+from ..filters.errors import AlignmentError
+from ..filters.rotation import FloatArray
+from ..filters.strapdown import InertialStream, NavState
+from .config import AlignmentConfig, FilterConfig
+from .gnss import GnssEvent
+from .solution import AlignmentReport
 
 if TYPE_CHECKING:
-    from alignment.in_motion import MotionAligner
-    from alignment.inertial import InertialAlignment
+    from ..alignment.in_motion import MotionAligner
+    from ..alignment.inertial import InertialAlignment
 
 #: A velocity can start the filter if a position lies this close to it [s].
 _POSITION_NEAR = 2.5
@@ -323,9 +323,9 @@ class StartFinder:
         return np.inf if first is None else first + _WINDOWS * self.config.max_window_s
 
     def _new_aligner(self) -> MotionAligner:
-        from alignment.in_motion import MotionAligner, MotionOptions
-        from alignment.inertial_unknowns import InertialOptions
-        from alignment.problem import ClockModel
+        from ..alignment.in_motion import MotionAligner, MotionOptions
+        from ..alignment.inertial_unknowns import InertialOptions
+        from ..alignment.problem import ClockModel
 
         clock = ClockModel("random-walk", self.config.sigma_clock_walk_mps)
         options = MotionOptions(

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from datasets.sequence import Sequence
-from nav.evaluation import Evaluation
-from nav.solution import Solution, Update
+from ..datasets.sequence import Sequence
+from .evaluation import Evaluation
+from .solution import Solution, Update
 
 
 def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack
 from typing import Any, TypeVar
 
-from filters.errors import ConfigError
+from ..filters.errors import ConfigError
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")

@@ -15,19 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.gpstime import to_week_sow
-from filters.earth import C_en_at
-from filters.errors import DataError
-from filters.rotation import FloatArray, matrix_from_rpy
-from filters.sensors import STANDARD_GRAVITY
-from nav.evaluation import (
-    Evaluation,
-    attitude_vector_from_rpy,
-    rpy_covariance,
-    standard_deviation,
-)
-from nav.formats import geodetic_and_ned, write_rows
-from nav.solution import Epochs, Trajectory, Update
+from ..datasets.gpstime import to_week_sow
+from ..filters.earth import C_en_at
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray, matrix_from_rpy
+from ..filters.sensors import STANDARD_GRAVITY
+from .evaluation import Evaluation, attitude_vector_from_rpy, rpy_covariance, standard_deviation
+from .formats import geodetic_and_ned, write_rows
+from .solution import Epochs, Trajectory, Update
 
 _DEGPH = np.pi / 180.0 / 3600.0
 _MG = 1e-3 * STANDARD_GRAVITY

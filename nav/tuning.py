@@ -17,12 +17,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from datasets.sequence import Sequence
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
-from nav.config import Config
-from nav.sweep import in_parallel
-from nav.tuning_score import (
+from ..datasets.sequence import Sequence
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray
+from ..velocity.doppler_noise import NoiseFit, fit_doppler_noise, reference_residuals
+from ..velocity.pair_table import PairTable, concatenated, describe, pair_table
+from ..velocity.samples import reference_samples
+from ..velocity.screening import Screening
+from ..velocity.statistics import heat_map
+from .config import Config
+from .sweep import in_parallel
+from .tuning_score import (
     Fold,
     Part,
     Score,
@@ -32,11 +37,6 @@ from nav.tuning_score import (
     pareto_front,
     total,
 )
-from velocity.doppler_noise import NoiseFit, fit_doppler_noise, reference_residuals
-from velocity.pair_table import PairTable, concatenated, describe, pair_table
-from velocity.samples import reference_samples
-from velocity.screening import Screening
-from velocity.statistics import heat_map
 
 #: What the paper recommends; every result says how it compares.
 PAPER = (40.0, 0.2)
@@ -263,7 +263,7 @@ def _run(job: _Job) -> _Report:
     """Load one sequence and score it: the unit of work of a sweep."""
     sequence = job.source
     if not isinstance(sequence, Sequence):
-        from datasets.load import load
+        from ..datasets.load import load
 
         sequence = load(sequence, **job.config.data)
     return _velocity(job, sequence) if job.objective == "velocity" else _position(job, sequence)
@@ -312,7 +312,7 @@ def _blocks(time: FloatArray, blocks: int) -> NDArray[np.int64]:
 
 def _position(job: _Job, sequence: Sequence) -> _Report:
     """Score drift over weak-GNSS spells; each spell is a block."""
-    from nav.tuning_position import spell_drifts
+    from .tuning_position import spell_drifts
 
     spells = spell_drifts(sequence, job.config, job.snr, job.k, screening=job.screening)
     parts = []

@@ -6,7 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from filters.errors import ConfigError
+from ..filters.errors import ConfigError
 
 DESCRIPTION = (
     "Find thresholds of C/N0 and |SDV·RMD| for Doppler velocity below four satellites, "
@@ -53,10 +53,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Tune, write the result directory, and say what was found."""
-    from nav.config import load_config
-    from nav.tuning import tune
-    from nav.tuning_report import as_dict, write_tuning
-    from velocity.screening import Screening
+    from ..velocity.screening import Screening
+    from .config import load_config
+    from .tuning import tune
+    from .tuning_report import as_dict, write_tuning
 
     tuning = tune(
         arguments.path,

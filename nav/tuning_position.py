@@ -16,24 +16,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from datasets.sequence import GnssObservations, Sequence
-from filters.earth import C_en_of
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ACCEL_BIAS, GYRO_BIAS, ErrorModel
-from filters.errors import DataError
-from filters.rotation import FloatArray
-from filters.sensors import imu_preset
-from filters.strapdown import InertialStream, NavState
-from nav.config import Config
-from nav.ddia_update import filter_motion, measurement
-from nav.interpolation import interpolate
-from nav.pipeline import navigate
-from nav.solution import Solution, Trajectory
-from velocity.ddia import SINGULAR_K, ddia_velocity
-from velocity.forward_motion import ForwardMotion
-from velocity.pairs import all_pairs
-from velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows, with_elevation
-from velocity.screening import Screening, screen, usable_rows
+from ..datasets.sequence import GnssObservations, Sequence
+from ..filters.earth import C_en_of
+from ..filters.ekf import ErrorStateFilter
+from ..filters.error_model import ACCEL_BIAS, GYRO_BIAS, ErrorModel
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray
+from ..filters.sensors import imu_preset
+from ..filters.strapdown import InertialStream, NavState
+from ..velocity.ddia import SINGULAR_K, ddia_velocity
+from ..velocity.forward_motion import ForwardMotion
+from ..velocity.pairs import all_pairs
+from ..velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows, with_elevation
+from ..velocity.screening import Screening, screen, usable_rows
+from .config import Config
+from .ddia_update import filter_motion, measurement
+from .interpolation import interpolate
+from .pipeline import navigate
+from .solution import Solution, Trajectory
 
 
 @dataclass(frozen=True)

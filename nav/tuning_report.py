@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from filters.errors import DataError
-from nav import page
-from nav.tuning import PAPER, Tuning
+from ..filters.errors import DataError
+from . import page
+from .tuning import PAPER, Tuning
 
 #: Okabe–Ito: distinguishable with any colour vision.
 _BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#E69F00", "#009E73", "#999999"

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.errors import DataError
-from filters.rotation import FloatArray
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

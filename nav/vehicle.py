@@ -6,13 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from datasets.sequence import Calibration, Odometer
-from filters import constraints
-from filters.ekf import ErrorStateFilter
-from filters.error_model import GYRO_BIAS, VEL
-from filters.measurements import Measurement
-from filters.rotation import FloatArray
-from nav.config import VehicleConfig
+from ..datasets.sequence import Calibration, Odometer
+from ..filters import constraints
+from ..filters.ekf import ErrorStateFilter
+from ..filters.error_model import GYRO_BIAS, VEL
+from ..filters.measurements import Measurement
+from ..filters.rotation import FloatArray
+from .config import VehicleConfig
 
 #: Spread within the window, per axis, that an idling engine may add to the sensor's own noise.
 _IDLE_GYRO, _IDLE_ACCEL = np.radians(0.3), 0.15

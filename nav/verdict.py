@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nav.results import Result
+from .results import Result
 
 
 def verdict(result: Result) -> list[str]:

@@ -16,15 +16,15 @@ import time
 
 import numpy as np
 
-from alignment.certifiable import certified_minimum
-from alignment.certificate import AlignmentStatus
-from alignment.fast_solver import fast_minimum
-from alignment.observability import Geometry, observability
-from alignment.problem import build_problem
-from alignment.quartic import Z
-from alignment.refinement import rotation_angle
-from alignment.simulation import simulate_window
-from filters.errors import ConfigError
+from certnav.alignment.certifiable import certified_minimum
+from certnav.alignment.certificate import AlignmentStatus
+from certnav.alignment.fast_solver import fast_minimum
+from certnav.alignment.observability import Geometry, observability
+from certnav.alignment.problem import build_problem
+from certnav.alignment.quartic import Z
+from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.simulation import simulate_window
+from certnav.filters.errors import ConfigError
 
 CVXPY_RUNS = 20
 
@@ -75,7 +75,7 @@ def choi_lam() -> np.ndarray:
 
 def cvxpy_ms(matrices: list[np.ndarray]) -> float | None:
     """Median time of the modelling layer's SDP [ms]; None where it is not installed."""
-    from alignment.sdp_cvxpy import solve_dual_cvxpy
+    from certnav.alignment.sdp_cvxpy import solve_dual_cvxpy
 
     try:
         _, times = timed(solve_dual_cvxpy, matrices[:CVXPY_RUNS], 1)

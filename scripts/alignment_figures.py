@@ -25,16 +25,16 @@ from pathlib import Path
 
 import numpy as np
 
-from alignment.baselines import gauss_newton, voba
-from alignment.certifiable import SdpAlignment, align_sdp
-from alignment.certificate import PAPER_RATIO, AlignmentStatus, eigenvalue_ratio
-from alignment.constraints import ALL
-from alignment.observability import Geometry
-from alignment.problem import AlignmentProblem, build_problem
-from alignment.refinement import rotation_angle
-from alignment.simulation import SimulatedWindow, simulate_window
-from filters.errors import AlignmentError, NavError
-from filters.rotation import FloatArray, matrix_from_rpy
+from certnav.alignment.baselines import gauss_newton, voba
+from certnav.alignment.certifiable import SdpAlignment, align_sdp
+from certnav.alignment.certificate import PAPER_RATIO, AlignmentStatus, eigenvalue_ratio
+from certnav.alignment.constraints import ALL
+from certnav.alignment.observability import Geometry
+from certnav.alignment.problem import AlignmentProblem, build_problem
+from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.simulation import SimulatedWindow, simulate_window
+from certnav.filters.errors import AlignmentError, NavError
+from certnav.filters.rotation import FloatArray, matrix_from_rpy
 
 FAMILIES = {"none": ("columns",), "orthogonal": ("columns", "rows"), "all": ALL}
 MOTION = {3: "2d", 4: "3d", 5: "2d", 6: "3d", 7: "3d"}

@@ -21,13 +21,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
-from alignment.problem import AlignmentRows, ClockModel
-from alignment.refinement import rotation_angle
-from alignment.robust import align_robust
-from alignment.simulation import SimulatedWindow, simulate_window
-from alignment.verdict import VerdictLimits
-from filters.errors import AlignmentError
-from nav.sweep import in_parallel
+from certnav.alignment.problem import AlignmentRows, ClockModel
+from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.robust import align_robust
+from certnav.alignment.simulation import SimulatedWindow, simulate_window
+from certnav.alignment.verdict import VerdictLimits
+from certnav.filters.errors import AlignmentError
+from certnav.nav.sweep import in_parallel
 
 OUTLIERS = ("random", "moderate", "clustered", "satellite", "other attitude")
 #: What the clock is known not to exceed [m/s/√s].

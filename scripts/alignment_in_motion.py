@@ -32,15 +32,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from alignment.in_motion import Attempt, MotionOptions, attempts
-from alignment.inertial_unknowns import InertialOptions
-from alignment.problem import ClockModel
-from alignment.refinement import rotation_angle
-from datasets.sequence import GnssObservations
-from datasets.simulator import Simulation, SimulationConfig, simulate
-from filters.earth import C_en_of
-from filters.strapdown import InertialStream
-from velocity.range_rate import DopplerNoise
+from certnav.alignment.in_motion import Attempt, MotionOptions, attempts
+from certnav.alignment.inertial_unknowns import InertialOptions
+from certnav.alignment.problem import ClockModel
+from certnav.alignment.refinement import rotation_angle
+from certnav.datasets.sequence import GnssObservations
+from certnav.datasets.simulator import Simulation, SimulationConfig, simulate
+from certnav.filters.earth import C_en_of
+from certnav.filters.strapdown import InertialStream
+from certnav.velocity.range_rate import DopplerNoise
 
 #: What the simulator's receiver has.
 NOISE, CLOCK = DopplerNoise(0.03, 0.02), ClockModel("random-walk", 0.03)

@@ -26,23 +26,23 @@ from pathlib import Path
 
 import numpy as np
 
-from alignment.in_motion import MotionOptions, attempts
-from alignment.inertial_unknowns import InertialOptions
-from alignment.problem import ClockModel
-from datasets.load import load
-from datasets.sequence import Sequence
-from filters.earth import C_en_of
-from filters.rotation import wrap_angle
-from filters.strapdown import InertialStream
-from nav.alignment_noise import WindowNoise
-from nav.alignment_windows import (
+from certnav.alignment.in_motion import MotionOptions, attempts
+from certnav.alignment.inertial_unknowns import InertialOptions
+from certnav.alignment.problem import ClockModel
+from certnav.datasets.load import load
+from certnav.datasets.sequence import Sequence
+from certnav.filters.earth import C_en_of
+from certnav.filters.rotation import wrap_angle
+from certnav.filters.strapdown import InertialStream
+from certnav.nav.alignment_noise import WindowNoise
+from certnav.nav.alignment_windows import (
     WindowOptions,
     align_recording,
     prepared_observations,
     reference_heading,
     summary,
 )
-from nav.summary import strict
+from certnav.nav.summary import strict
 
 #: 1σ: a slope of 6 % is 3.4°. 3° would already make the bound 11°, above the limit of 10°.
 LEVEL_DEG = 2.0

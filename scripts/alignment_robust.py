@@ -17,12 +17,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from alignment.fast_solver import fast_minimum
-from alignment.problem import AlignmentRows, build_problem
-from alignment.refinement import rotation_angle
-from alignment.robust import align_robust
-from alignment.simulation import simulate_window
-from filters.errors import AlignmentError
+from certnav.alignment.fast_solver import fast_minimum
+from certnav.alignment.problem import AlignmentRows, build_problem
+from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.robust import align_robust
+from certnav.alignment.simulation import simulate_window
+from certnav.filters.errors import AlignmentError
 
 CASES = (
     ("random", (0.1, 0.3, 0.5, 0.6, 0.7)),

@@ -17,12 +17,12 @@ import time
 
 import numpy as np
 
-from alignment.certifiable import align_sdp
-from alignment.problem import build_problem
-from alignment.sdp import solve_dual
-from alignment.sdp_cvxpy import solve_dual_cvxpy
-from alignment.simulation import simulate_window
-from filters.errors import NavError
+from certnav.alignment.certifiable import align_sdp
+from certnav.alignment.problem import build_problem
+from certnav.alignment.sdp import solve_dual
+from certnav.alignment.sdp_cvxpy import solve_dual_cvxpy
+from certnav.alignment.simulation import simulate_window
+from certnav.filters.errors import NavError
 
 
 def measure(runs: int, seed: int) -> dict:

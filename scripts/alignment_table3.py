@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from datasets.load import load
-from nav.alignment_windows import WindowOptions, align_windows, summary
-from nav.summary import strict
+from certnav.datasets.load import load
+from certnav.nav.alignment_windows import WindowOptions, align_windows, summary
+from certnav.nav.summary import strict
 
 METHODS = ("sdp", "voba", "gauss-newton")
 NAMES = {"voba": "VOBA", "gauss-newton": "Gauss–Newton from identity", "sdp": "SDP"}

@@ -39,25 +39,25 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is importe
 
 import numpy as np
 
-from alignment.fast_solver import fast_minimum
-from alignment.problem import build_problem
-from alignment.simulation import simulate_window
-from datasets.gpstime import from_week_sow, to_week_sow
-from datasets.kfgins import read_imu
-from datasets.sequence import GnssFixes, ImuData, Reference
-from datasets.street_network import RouteConfig, drive
-from datasets.trajectory import Trajectory, fixes_from_truth, imu_measurements
-from filters import measurements
-from filters.earth import C_en_of, ecef_to_lla
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ErrorModel
-from filters.rotation import FloatArray, matrix_from_rpy
-from filters.sensors import imu_preset
-from filters.strapdown import InertialStream, NavState
-from nav.formats import format_rows
-from velocity.forward_motion import ForwardMotion
-from velocity.pairs import all_pairs
-from velocity.range_rate import DopplerRows
+from certnav.alignment.fast_solver import fast_minimum
+from certnav.alignment.problem import build_problem
+from certnav.alignment.simulation import simulate_window
+from certnav.datasets.gpstime import from_week_sow, to_week_sow
+from certnav.datasets.kfgins import read_imu
+from certnav.datasets.sequence import GnssFixes, ImuData, Reference
+from certnav.datasets.street_network import RouteConfig, drive
+from certnav.datasets.trajectory import Trajectory, fixes_from_truth, imu_measurements
+from certnav.filters import measurements
+from certnav.filters.earth import C_en_of, ecef_to_lla
+from certnav.filters.ekf import ErrorStateFilter
+from certnav.filters.error_model import ErrorModel
+from certnav.filters.rotation import FloatArray, matrix_from_rpy
+from certnav.filters.sensors import imu_preset
+from certnav.filters.strapdown import InertialStream, NavState
+from certnav.nav.formats import format_rows
+from certnav.velocity.forward_motion import ForwardMotion
+from certnav.velocity.pairs import all_pairs
+from certnav.velocity.range_rate import DopplerRows
 
 RATE, WEEK, SOW = 200.0, 2284, 180000.0
 LEVER = np.array([-0.65, -0.05, -0.15])
@@ -170,7 +170,7 @@ def write_text(data: Drive, folder: Path) -> None:
 def text_run(folder: Path, out: Path, cache: Path | None = None) -> tuple[float, float, float]:
     """Run the command line on a folder; return wall and processor time [s], peak memory [MB]."""
     command = [
-        sys.executable, "-m", "nav.cli", "run", str(folder), "--out", str(out),
+        sys.executable, "-m", "certnav.nav.cli", "run", str(folder), "--out", str(out),
         "--only", "nav",
     ]  # fmt: skip
     settings = [

@@ -24,12 +24,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from datasets.great_writer import simulate_folder, write_reference
-from datasets.load import load
-from datasets.simulator import SimulationConfig
-from filters.earth import C_en_of
-from nav.check import check
-from nav.findings import Report
+from certnav.datasets.great_writer import simulate_folder, write_reference
+from certnav.datasets.load import load
+from certnav.datasets.simulator import SimulationConfig
+from certnav.filters.earth import C_en_of
+from certnav.nav.check import check
+from certnav.nav.findings import Report
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("CERTNAV_DATA", ROOT.parent / "shared" / "data"))

@@ -17,9 +17,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from filters.errors import ConfigError
-from filters.sensors import PRESETS
-from nav.config import Config, to_toml
+from certnav.filters.errors import ConfigError
+from certnav.filters.sensors import PRESETS
+from certnav.nav.config import Config, to_toml
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "configuration.md"
 COMMAND = "python scripts/configuration_reference.py --write"

@@ -27,17 +27,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from datasets.great_writer import write_great
-from datasets.load import load
-from datasets.sequence import Reference, Sequence
-from datasets.simulator import SimulationConfig, simulate
-from datasets.trajectory import fixes_from_truth
-from filters.earth import C_en_of
-from filters.rotation import FloatArray, matrix_from_rpy
-from nav.config import from_tables
-from nav.interpolation import interpolate
-from nav.pipeline import navigate
-from nav.solution import Solution, Trajectory, Update
+from certnav.datasets.great_writer import write_great
+from certnav.datasets.load import load
+from certnav.datasets.sequence import Reference, Sequence
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.trajectory import fixes_from_truth
+from certnav.filters.earth import C_en_of
+from certnav.filters.rotation import FloatArray, matrix_from_rpy
+from certnav.nav.config import from_tables
+from certnav.nav.interpolation import interpolate
+from certnav.nav.pipeline import navigate
+from certnav.nav.solution import Solution, Trajectory, Update
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("CERTNAV_DATA", ROOT.parent / "shared" / "data"))

@@ -27,18 +27,18 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets.great_writer import write_great
-from datasets.load import load
-from datasets.sequence import GnssFixes, Sequence
-from datasets.simulator import SimulationConfig, simulate
-from datasets.trajectory import fixes_from_truth
-from filters.earth import SPEED_OF_LIGHT, C_en_of
-from filters.errors import NavError
-from nav.check import check_sequence
-from nav.config import from_tables
-from nav.evaluation import Evaluation, evaluate
-from nav.pipeline import navigate
-from nav.solution import Solution
+from certnav.datasets.great_writer import write_great
+from certnav.datasets.load import load
+from certnav.datasets.sequence import GnssFixes, Sequence
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.trajectory import fixes_from_truth
+from certnav.filters.earth import SPEED_OF_LIGHT, C_en_of
+from certnav.filters.errors import NavError
+from certnav.nav.check import check_sequence
+from certnav.nav.config import from_tables
+from certnav.nav.evaluation import Evaluation, evaluate
+from certnav.nav.pipeline import navigate
+from certnav.nav.solution import Solution
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("CERTNAV_DATA", ROOT.parent / "shared" / "data"))

@@ -44,7 +44,7 @@ from fuzz_page import text, write_section
 from fuzz_seeds import Target
 from fuzz_units import silent_units
 
-from filters.errors import NavError
+from certnav.filters.errors import NavError
 
 HANG_S = 5.0
 #: On a machine busy with other things the clock on the wall may show more; at most so much.
@@ -131,7 +131,7 @@ def read_case(name: str, folder: Path, random: Random | None = None) -> tuple[st
 
 def _assign(folder: Path, r: Random) -> None:
     """Set one value of the configuration as ``--set`` does."""
-    from nav.config import Config, load_config
+    from certnav.nav.config import Config, load_config
 
     sections = ("alignment", "filter", "gnss", "vehicle", "data")
     section = r.choice(sections)

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from datasets.gpstime import to_calendar, to_week_sow
-from datasets.sequence import Reference
-from datasets.simulator import Simulation, SimulationConfig, simulate
-from filters.earth import C_en_of, ecef_to_lla
-from filters.rotation import FloatArray, matrix_from_rpy
-from filters.sensors import STANDARD_GRAVITY
+from certnav.datasets.gpstime import to_calendar, to_week_sow
+from certnav.datasets.sequence import Reference
+from certnav.datasets.simulator import Simulation, SimulationConfig, simulate
+from certnav.filters.earth import C_en_of, ecef_to_lla
+from certnav.filters.rotation import FloatArray, matrix_from_rpy
+from certnav.filters.sensors import STANDARD_GRAVITY
 
 WEEK = 2129
 
@@ -183,7 +183,7 @@ def write_oakville(folder: Path, d: Drive) -> None:
 
 def write_rtklibexplorer(folder: Path, d: Drive) -> None:
     """Write g and deg/s in the sensor's axes, the time tag and a solution."""
-    from datasets.rtklibexplorer import IMU_LAG
+    from certnav.datasets.rtklibexplorer import IMU_LAG
 
     axes = np.array([-1.0, 1.0, -1.0])
     accel = d.accel * axes / STANDARD_GRAVITY

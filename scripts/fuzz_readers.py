@@ -13,7 +13,7 @@ from fuzz_drives import WEEK
 
 def _load(format: str | None = None, **options: object) -> Callable[[Path], None]:
     def run(folder: Path) -> None:
-        from datasets.load import load
+        from certnav.datasets.load import load
 
         load(folder, format=format, **options)
 
@@ -29,15 +29,15 @@ def _file(module: str, function: str, name: str, **options: object) -> Callable[
 
 
 def read_great_import(folder: Path) -> None:
-    from datasets.great_import import import_archives
+    from certnav.datasets.great_import import import_archives
 
     import_archives([folder / "campus-01.zip"], folder / "imported")
 
 
 def _packed(folder: Path) -> None:
     """Read the one packed file that is there: the case keeps no other."""
-    from datasets.rinex_packing import plain_rinex
-    from datasets.rtklib import read_observations
+    from certnav.datasets.rinex_packing import plain_rinex
+    from certnav.datasets.rtklib import read_observations
 
     for file in sorted(folder.iterdir()):
         if file.name != "brdc.nav" and (file.is_dir() or not file.is_symlink()):
@@ -45,13 +45,13 @@ def _packed(folder: Path) -> None:
 
 
 def _rinex(folder: Path) -> None:
-    from datasets.rtklib import read_observations
+    from certnav.datasets.rtklib import read_observations
 
     read_observations(folder / "rover.obs", [folder / "brdc.nav"], signals="all")
 
 
 def _relative(folder: Path) -> None:
-    from datasets.rtklib import read_observations, relative_positions
+    from certnav.datasets.rtklib import read_observations, relative_positions
 
     rover, navigation = folder / "rover.obs", [folder / "brdc.nav"]
     screened = read_observations(rover, navigation)
@@ -59,7 +59,7 @@ def _relative(folder: Path) -> None:
 
 
 def _navigation(folder: Path) -> None:
-    from datasets.rtklib.satellites import load_navigation, satellite_states
+    from certnav.datasets.rtklib.satellites import load_navigation, satellite_states
 
     nav = load_navigation([folder / "brdc.nav"])
     names = ["G01", "G05", "R01", "R10", "E01", "E11", "C06", "C20", "J01"]
@@ -70,13 +70,13 @@ def _navigation(folder: Path) -> None:
 
 
 def _config(folder: Path) -> None:
-    from nav.config import load_config, to_toml
+    from certnav.nav.config import load_config, to_toml
 
     to_toml(load_config(folder / "config.toml"))
 
 
 def _draft(folder: Path) -> None:
-    from datasets.declare import draft_declaration
+    from certnav.datasets.declare import draft_declaration
 
     names = ("imu.csv", "gnss.csv", "odometer.csv", "ref.csv.gz")
     draft_declaration([folder / name for name in names])
@@ -84,7 +84,7 @@ def _draft(folder: Path) -> None:
 
 def _check(folder: Path) -> None:
 
-    from nav.check import check
+    from certnav.nav.check import check
 
     report = check(folder)
     report.text()
@@ -95,17 +95,17 @@ def _check(folder: Path) -> None:
 READ: dict[str, Callable[[Path], None]] = {
     "great": _load(),
     "imu_text": _file(
-        "datasets.imu_text", "read_imu_text", "imu.txt", week=WEEK, gyro_unit="deg/s"
+        "certnav.datasets.imu_text", "read_imu_text", "imu.txt", week=WEEK, gyro_unit="deg/s"
     ),
     "inertial_explorer": _file(
-        "datasets.inertial_explorer", "read_reference_table", "ref.txt"
+        "certnav.datasets.inertial_explorer", "read_reference_table", "ref.txt"
     ),
-    "great_pvt": _file("datasets.great_pvt", "read_flt", "rover.flt", week=WEEK),
-    "rtklib_pos_llh": _file("datasets.rtklib_pos", "read_pos", "a.pos"),
-    "rtklib_pos_ecef": _file("datasets.rtklib_pos", "read_pos", "a.pos"),
-    "rtklib_pos_dms": _file("datasets.rtklib_pos", "read_pos", "a.pos"),
-    "ubx": _file("datasets.receiver_logs", "read_ubx", "a.ubx"),
-    "nmea": _file("datasets.receiver_logs", "read_nmea", "a.nmea"),
+    "great_pvt": _file("certnav.datasets.great_pvt", "read_flt", "rover.flt", week=WEEK),
+    "rtklib_pos_llh": _file("certnav.datasets.rtklib_pos", "read_pos", "a.pos"),
+    "rtklib_pos_ecef": _file("certnav.datasets.rtklib_pos", "read_pos", "a.pos"),
+    "rtklib_pos_dms": _file("certnav.datasets.rtklib_pos", "read_pos", "a.pos"),
+    "ubx": _file("certnav.datasets.receiver_logs", "read_ubx", "a.ubx"),
+    "nmea": _file("certnav.datasets.receiver_logs", "read_nmea", "a.nmea"),
     "kfgins": _load(),
     "oakville": _load(),
     "rtklibexplorer": _load(),

@@ -10,9 +10,9 @@ import numpy as np
 from fuzz_drives import Drive, scaled
 from fuzz_seeds import UNIT_FORMATS
 
-from datasets.load import load
-from filters.errors import NavError
-from nav.check import check
+from certnav.datasets.load import load
+from certnav.filters.errors import NavError
+from certnav.nav.check import check
 
 
 def silent_units(folder: Path) -> dict[str, Any]:

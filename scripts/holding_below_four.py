@@ -25,18 +25,18 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from datasets.great_writer import simulate_folder
-from datasets.load import load
-from datasets.sequence import Sequence
-from datasets.simulator import SimulationConfig
-from filters.errors import NavError
-from nav.compare import Comparison, SpellFigures, as_dict, compare
-from nav.config import Config, GnssConfig, from_tables
-from nav.degradation import parse_outages
-from nav.evaluation import evaluate
-from nav.methods import METHODS, parse_methods
-from nav.pipeline import navigate
-from nav.summary import strict
+from certnav.datasets.great_writer import simulate_folder
+from certnav.datasets.load import load
+from certnav.datasets.sequence import Sequence
+from certnav.datasets.simulator import SimulationConfig
+from certnav.filters.errors import NavError
+from certnav.nav.compare import Comparison, SpellFigures, as_dict, compare
+from certnav.nav.config import Config, GnssConfig, from_tables
+from certnav.nav.degradation import parse_outages
+from certnav.nav.evaluation import evaluate
+from certnav.nav.methods import METHODS, parse_methods
+from certnav.nav.pipeline import navigate
+from certnav.nav.summary import strict
 
 LIVE = "lc4,lc+ddia,lc+rows,lc4+vehicle,lc+ddia+vehicle,lc+rows+vehicle"
 SMOOTHED = ",".join(f"{name}+smooth" for name in LIVE.split(","))

@@ -25,12 +25,12 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from datasets.great_writer import simulate_folder
-from datasets.simulator import SimulationConfig
-from filters.errors import NavError
-from nav.cli import main as main_of_certnav
-from nav.placing import broken_seals, current
-from nav.results import read_result
+from certnav.datasets.great_writer import simulate_folder
+from certnav.datasets.simulator import SimulationConfig
+from certnav.filters.errors import NavError
+from certnav.nav.cli import main as main_of_certnav
+from certnav.nav.placing import broken_seals, current
+from certnav.nav.results import read_result
 
 
 @dataclass

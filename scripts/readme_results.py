@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from datasets.load import load
-from datasets.sequence import Sequence
-from filters.earth import C_en_of
-from nav import cli
-from nav.results import Result, read_result
+from certnav.datasets.load import load
+from certnav.datasets.sequence import Sequence
+from certnav.filters.earth import C_en_of
+from certnav.nav import cli
+from certnav.nav.results import Result, read_result
 
 SETS = [
     "comma2k19-example1",

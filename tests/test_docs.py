@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from nav.cli import _parser
+from certnav.nav.cli import _parser
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -61,7 +61,7 @@ def test_certnav_commands_and_their_options_exist(page):
 
 @pages()
 def test_settings_quoted_with_set_are_known(page):
-    from nav.config import load_config
+    from certnav.nav.config import load_config
 
     for line in quoted(page, "certnav "):
         words = shlex.split(line.replace("…", ""))

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from filters.fault_exclusion import chi2_limit, consistent_rows
-from filters.rotation import FloatArray
+from ..filters.fault_exclusion import chi2_limit, consistent_rows
+from ..filters.rotation import FloatArray
 
 
 def agreeing(H: ArrayLike, z: ArrayLike, P: ArrayLike, significance: float) -> NDArray[np.bool_]:

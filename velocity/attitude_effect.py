@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from datasets.sequence import Sequence
-from filters.earth import C_en_of
-from filters.errors import DataError
-from filters.rotation import FloatArray, rpy_from_matrix, wrap_angle
-from filters.strapdown import InertialStream, NavState, integrate
-from velocity.forward_motion import forward_motion
-from velocity.pairs import all_pairs, velocity_errors
-from velocity.samples import interpolated, rate_eb_b, reference_attitude, reference_samples
-from velocity.statistics import attitude_effect
+from ..datasets.sequence import Sequence
+from ..filters.earth import C_en_of
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray, rpy_from_matrix, wrap_angle
+from ..filters.strapdown import InertialStream, NavState, integrate
+from .forward_motion import forward_motion
+from .pairs import all_pairs, velocity_errors
+from .samples import interpolated, rate_eb_b, reference_attitude, reference_samples
+from .statistics import attitude_effect
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,12 +27,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from datasets.sequence import GnssObservations
-from filters.errors import ConfigError
-from filters.fault_exclusion import consistent_rows
-from filters.rotation import FloatArray, skew
-from velocity.forward_motion import ForwardMotion
-from velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows
+from ..datasets.sequence import GnssObservations
+from ..filters.errors import ConfigError
+from ..filters.fault_exclusion import consistent_rows
+from ..filters.rotation import FloatArray, skew
+from .forward_motion import ForwardMotion
+from .range_rate import DopplerNoise, DopplerRows, doppler_rows
 
 #: |SDV·RMD| below which the paper calls a pair singular.
 SINGULAR_K = 0.05

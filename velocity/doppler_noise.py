@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from datasets.sequence import GnssObservations
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
-from velocity.least_squares import doppler_velocities
-from velocity.range_rate import DopplerNoise, doppler_rows
-from velocity.samples import Samples
+from ..datasets.sequence import GnssObservations
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray
+from .least_squares import doppler_velocities
+from .range_rate import DopplerNoise, doppler_rows
+from .samples import Samples
 
 #: MAD of a normal distribution times this is its σ.
 _MAD = 1.4826

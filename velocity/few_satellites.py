@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from filters.errors import ConfigError
-from filters.rotation import FloatArray
-from velocity.pairs import all_pairs, epoch_speeds, projected
-from velocity.samples import Samples
-from velocity.screening import Screening, screen, usable_pairs
-from velocity.statistics import rms
+from ..filters.errors import ConfigError
+from ..filters.rotation import FloatArray
+from .pairs import all_pairs, epoch_speeds, projected
+from .samples import Samples
+from .screening import Screening, screen, usable_pairs
+from .statistics import rms
 
 
 @dataclass(frozen=True)

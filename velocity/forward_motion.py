@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from filters.rotation import FloatArray
+from ..filters.rotation import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from datasets.sequence import GnssObservations
-from filters.fault_exclusion import consistent_rows
-from filters.rotation import FloatArray
-from velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows
+from ..datasets.sequence import GnssObservations
+from ..filters.fault_exclusion import consistent_rows
+from ..filters.rotation import FloatArray
+from .range_rate import DopplerNoise, DopplerRows, doppler_rows
 
 #: Reason given to rows that the residual test excludes.
 REJECTED = "doppler residual"

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from filters.rotation import FloatArray
-from velocity.ddia import SINGULAR_K
-from velocity.samples import Samples
-from velocity.statistics import binned_rms, correlations, heat_map, rejection, rms
+from ..filters.rotation import FloatArray
+from .ddia import SINGULAR_K
+from .samples import Samples
+from .statistics import binned_rms, correlations, heat_map, rejection, rms
 
 #: Thresholds of Fig. 8.
 SNR_GRID = np.arange(30.0, 51.0, 1.0)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from filters.rotation import FloatArray
-from velocity.forward_motion import ForwardMotion
-from velocity.range_rate import DopplerRows
+from ..filters.rotation import FloatArray
+from .forward_motion import ForwardMotion
+from .range_rate import DopplerRows
 
 IntArray = NDArray[np.int64]
 

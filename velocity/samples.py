@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from datasets.sequence import GnssObservations, ImuData, Reference, Sequence
-from filters.earth import OMEGA_IE_E, C_en_of
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray, matrix_from_rpy
-from velocity.forward_motion import ForwardMotion, forward_motion
-from velocity.pairs import Pairs, all_pairs, velocity_errors
-from velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows, with_elevation
+from ..datasets.sequence import GnssObservations, ImuData, Reference, Sequence
+from ..filters.earth import OMEGA_IE_E, C_en_of
+from ..filters.errors import ConfigError, DataError
+from ..filters.rotation import FloatArray, matrix_from_rpy
+from .forward_motion import ForwardMotion, forward_motion
+from .pairs import Pairs, all_pairs, velocity_errors
+from .range_rate import DopplerNoise, DopplerRows, doppler_rows, with_elevation
 
 #: Longest step of the reference that is interpolated [s].
 _MAX_GAP = 1.05

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import rankdata
 
-from filters.rotation import FloatArray
-from velocity.ddia import SINGULAR_K
+from ..filters.rotation import FloatArray
+from .ddia import SINGULAR_K
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,11 @@ RTKLIB keeps one signal per frequency band and three bands a satellite; Doppler 
 through single precision (≤ 0.25 mHz, that is 0.05 mm/s, for Dopplers below 4 kHz).
 """
 
-from datasets.rtklib.atmosphere import ionosphere_delay, troposphere_delay
-from datasets.rtklib.kept import read_observations
-from datasets.rtklib.positioning import SinglePoint, single_point
-from datasets.rtklib.rtk import RelativePositions, relative_positions
-from datasets.rtklib.satellites import SatelliteStates, satellite_states
+from .atmosphere import ionosphere_delay, troposphere_delay
+from .kept import read_observations
+from .positioning import SinglePoint, single_point
+from .rtk import RelativePositions, relative_positions
+from .satellites import SatelliteStates, satellite_states
 
 __all__ = [
     "RelativePositions",

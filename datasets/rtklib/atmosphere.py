@@ -10,9 +10,9 @@ import numpy as np
 import pyrtklib5 as rtk
 from numpy.typing import ArrayLike
 
-from datasets.rtklib.satellites import gtime, load_navigation
-from filters.earth import ecef_to_lla
-from filters.rotation import FloatArray
+from ...filters.earth import ecef_to_lla
+from ...filters.rotation import FloatArray
+from .satellites import gtime, load_navigation
 
 
 def troposphere_delay(time: ArrayLike, pos_e: ArrayLike, elevation: ArrayLike) -> FloatArray:

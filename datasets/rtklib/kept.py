@@ -9,9 +9,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from datasets import cache
-from datasets.rtklib import observations
-from datasets.sequence import GnssObservations
+from .. import cache
+from ..sequence import GnssObservations
+from . import observations
 
 #: Source whose change makes other observations of the same files.
 _HERE = Path(__file__).parent

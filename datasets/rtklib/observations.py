@@ -10,19 +10,14 @@ import numpy as np
 import pyrtklib5 as rtk
 from numpy.typing import NDArray
 
-from datasets import gpstime
-from datasets.rinex import check_observations
-from datasets.rtklib.file_names import harmless_name
-from datasets.rtklib.satellites import (
-    GPS_EPOCH_GTIME,
-    broadcast_states,
-    load_navigation,
-    satellite_name,
-)
-from datasets.sequence import GnssObservations
-from filters.earth import SPEED_OF_LIGHT
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
+from ...filters.earth import SPEED_OF_LIGHT
+from ...filters.errors import ConfigError, DataError
+from ...filters.rotation import FloatArray
+from .. import gpstime
+from ..rinex import check_observations
+from ..sequence import GnssObservations
+from .file_names import harmless_name
+from .satellites import GPS_EPOCH_GTIME, broadcast_states, load_navigation, satellite_name
 
 _SYSTEMS = {"G": "GPS", "R": "GLONASS", "E": "Galileo", "C": "BeiDou", "J": "QZSS"}
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from filters.fault_exclusion import consistent_rows
-from filters.rotation import FloatArray
+from ...filters.fault_exclusion import consistent_rows
+from ...filters.rotation import FloatArray
 
 #: What broadcast orbits, clocks and atmosphere leave of a range near the zenith, 1σ [m].
 _SYSTEMATIC = 2.0

@@ -11,14 +11,14 @@ import numpy as np
 import pyrtklib5 as rtk
 from numpy.typing import NDArray
 
-from datasets.rtklib.atmosphere import klobuchar
-from datasets.rtklib.persistence import Persistent, persistent_faults
-from datasets.rtklib.satellites import GPS_EPOCH_GTIME, gtime, load_navigation
-from datasets.sequence import GnssFixes, GnssObservations
-from filters.earth import SPEED_OF_LIGHT
-from filters.errors import ConfigError
-from filters.fault_exclusion import consistent_rows
-from filters.rotation import FloatArray
+from ...filters.earth import SPEED_OF_LIGHT
+from ...filters.errors import ConfigError
+from ...filters.fault_exclusion import consistent_rows
+from ...filters.rotation import FloatArray
+from ..sequence import GnssFixes, GnssObservations
+from .atmosphere import klobuchar
+from .persistence import Persistent, persistent_faults
+from .satellites import GPS_EPOCH_GTIME, gtime, load_navigation
 
 _NAVSYS = (rtk.SYS_GPS, rtk.SYS_GLO, rtk.SYS_GAL, rtk.SYS_CMP, rtk.SYS_QZS)
 _IONOSPHERE = {"broadcast": rtk.IONOOPT_BRDC, "off": rtk.IONOOPT_OFF}

@@ -13,17 +13,17 @@ import numpy as np
 import pyrtklib5 as rtk
 from numpy.typing import ArrayLike, NDArray
 
-from datasets import gpstime
-from datasets.rinex import check_observations
-from datasets.rtklib.file_names import harmless_name
-from datasets.rtklib.observations import _known_systems
-from datasets.rtklib.satellites import GPS_EPOCH_GTIME, load_navigation
-from datasets.rtklib.screened_rinex import write_screened
-from datasets.rtklib_pos import read_pos
-from datasets.sequence import GnssFixes, GnssObservations
-from filters.earth import C_en_of
-from filters.errors import ConfigError, DataError
-from filters.rotation import FloatArray
+from ...filters.earth import C_en_of
+from ...filters.errors import ConfigError, DataError
+from ...filters.rotation import FloatArray
+from .. import gpstime
+from ..rinex import check_observations
+from ..rtklib_pos import read_pos
+from ..sequence import GnssFixes, GnssObservations
+from .file_names import harmless_name
+from .observations import _known_systems
+from .satellites import GPS_EPOCH_GTIME, load_navigation
+from .screened_rinex import write_screened
 
 #: Lower bounds of a position's standard deviation [m], added in variance to RTKLIB's own on every
 #: axis. Fixed: phase multipath and the antenna's phase centre, which RTKLIB's 4 mm leaves out.

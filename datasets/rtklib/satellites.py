@@ -11,11 +11,11 @@ import numpy as np
 import pyrtklib5 as rtk
 from numpy.typing import ArrayLike, NDArray
 
-from datasets.rinex import check_navigation
-from datasets.rtklib.file_names import harmless_name
-from filters.earth import SPEED_OF_LIGHT
-from filters.errors import DataError
-from filters.rotation import FloatArray
+from ...filters.earth import SPEED_OF_LIGHT
+from ...filters.errors import DataError
+from ...filters.rotation import FloatArray
+from ..rinex import check_navigation
+from .file_names import harmless_name
 
 #: RTKLIB's gtime_t counts from the Unix epoch without leap seconds; offset to the GPS epoch [s].
 GPS_EPOCH_GTIME = 315964800

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from datasets import gpstime
-from datasets.sequence import GnssObservations
-from filters.errors import DataError
+from ...filters.errors import DataError
+from .. import gpstime
+from ..sequence import GnssObservations
 
 
 def write_screened(source: Path, out: Path, observations: GnssObservations) -> None:

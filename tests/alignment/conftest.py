@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from alignment.problem import build_problem
-from alignment.simulation import simulate_window
+from certnav.alignment.problem import build_problem
+from certnav.alignment.simulation import simulate_window
 
 
 @pytest.fixture

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from alignment.attitude_bound import attitude_bound, region_threshold
-from alignment.constraints import lift
-from alignment.fast_solver import fast_minimum, local_minima
-from alignment.problem import build_problem
-from alignment.refinement import rotation_angle
-from alignment.simulation import simulate_window
-from filters.errors import ConfigError
+from certnav.alignment.attitude_bound import attitude_bound, region_threshold
+from certnav.alignment.constraints import lift
+from certnav.alignment.fast_solver import fast_minimum, local_minima
+from certnav.alignment.problem import build_problem
+from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.simulation import simulate_window
+from certnav.filters.errors import ConfigError
 
 T = region_threshold()
 

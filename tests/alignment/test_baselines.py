@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from alignment.baselines import gauss_newton, voba
-from alignment.certifiable import align_sdp
-from alignment.refinement import gradient, rotation_angle
-from filters.errors import AlignmentError
-from filters.rotation import matrix_from_rotvec
+from certnav.alignment.baselines import gauss_newton, voba
+from certnav.alignment.certifiable import align_sdp
+from certnav.alignment.refinement import gradient, rotation_angle
+from certnav.filters.errors import AlignmentError
+from certnav.filters.rotation import matrix_from_rotvec
 
 
 @pytest.mark.parametrize("motion", ["2d", "3d"])

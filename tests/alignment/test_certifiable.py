@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from alignment.certifiable import align_sdp, attitude_covariance
-from alignment.certificate import AlignmentStatus, eigenvalue_ratio
-from alignment.constraints import ALL
-from alignment.observability import Geometry
-from alignment.problem import ClockModel, build_problem
-from alignment.refinement import rotation_angle
-from alignment.simulation import simulate_window
+from certnav.alignment.certifiable import align_sdp, attitude_covariance
+from certnav.alignment.certificate import AlignmentStatus, eigenvalue_ratio
+from certnav.alignment.constraints import ALL
+from certnav.alignment.observability import Geometry
+from certnav.alignment.problem import ClockModel, build_problem
+from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.simulation import simulate_window
 
 
 def paper_test(result):

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from alignment.certifiable import certified_minimum
-from alignment.certificate import (
+from certnav.alignment.certifiable import certified_minimum
+from certnav.alignment.certificate import (
     AlignmentStatus,
     certify,
     eigenvalue_ratio,
     stationary_multipliers,
 )
-from alignment.constraints import ALL, constraint_matrices, lift
-from alignment.refinement import cost, gradient, newton, rotation_angle
-from alignment.sdp import lagrangian, solve_dual
-from filters.rotation import matrix_from_rotvec
+from certnav.alignment.constraints import ALL, constraint_matrices, lift
+from certnav.alignment.refinement import cost, gradient, newton, rotation_angle
+from certnav.alignment.sdp import lagrangian, solve_dual
+from certnav.filters.rotation import matrix_from_rotvec
 
 
 def random_cost(rng):

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from alignment.consensus_proof import consensus, prove_consensus, row_weights
-from alignment.priors import up_prior
-from alignment.problem import AlignmentRows
-from alignment.refinement import rotation_angle
-from alignment.simulation import simulate_window
-from filters.errors import ConfigError
-from filters.rotation import matrix_from_rotvec
+from certnav.alignment.consensus_proof import consensus, prove_consensus, row_weights
+from certnav.alignment.priors import up_prior
+from certnav.alignment.problem import AlignmentRows
+from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.simulation import simulate_window
+from certnav.filters.errors import ConfigError
+from certnav.filters.rotation import matrix_from_rotvec
 
 
 def window(seed: int, satellites: int = 6, motion: str = "3d", **options):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from alignment.constraints import (
+from certnav.alignment.constraints import (
     ALL,
     COLUMNS,
     HANDEDNESS,
@@ -14,7 +14,7 @@ from alignment.constraints import (
     lift,
     unlift,
 )
-from filters.errors import ConfigError
+from certnav.filters.errors import ConfigError
 
 
 def values(forms, C):

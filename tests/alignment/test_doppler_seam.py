@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from alignment.certifiable import align_sdp
-from alignment.certificate import AlignmentStatus
-from alignment.problem import AlignmentRows, build_problem
-from alignment.refinement import rotation_angle
-from datasets.sequence import GnssObservations
-from filters.earth import SPEED_OF_LIGHT, C_en_of, lla_to_ecef
-from velocity.range_rate import doppler_rows, predicted_range_rate
+from certnav.alignment.certifiable import align_sdp
+from certnav.alignment.certificate import AlignmentStatus
+from certnav.alignment.problem import AlignmentRows, build_problem
+from certnav.alignment.refinement import rotation_angle
+from certnav.datasets.sequence import GnssObservations
+from certnav.filters.earth import SPEED_OF_LIGHT, C_en_of, lla_to_ecef
+from certnav.velocity.range_rate import doppler_rows, predicted_range_rate
 
 ANTENNA = lla_to_ecef(np.radians(52.5), np.radians(13.4), 60.0)
 DRIFT = -37.5  # cδṫ of the receiver [m/s]

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from alignment.certifiable import certified_minimum
-from alignment.certificate import AlignmentStatus, certify
-from alignment.constraints import ALL, HOMOGENEOUS, constraint_matrices, lift
-from alignment.fast_solver import BACKENDS, fast_minimum, local_minima
-from alignment.problem import build_problem
-from alignment.quartic import (
+from certnav.alignment.certifiable import certified_minimum
+from certnav.alignment.certificate import AlignmentStatus, certify
+from certnav.alignment.constraints import ALL, HOMOGENEOUS, constraint_matrices, lift
+from certnav.alignment.fast_solver import BACKENDS, fast_minimum, local_minima
+from certnav.alignment.problem import build_problem
+from certnav.alignment.quartic import (
     GRID,
     NORM,
     NULL_GRAMS,
@@ -22,11 +22,11 @@ from alignment.quartic import (
     reduced_gram,
     super_fibonacci,
 )
-from alignment.refinement import cost, gradient, hessian, rotation_angle
-from alignment.sdp import DualSolution
-from alignment.simulation import simulate_window
-from filters.errors import ConfigError, DataError
-from filters.rotation import matrix_from_rotvec
+from certnav.alignment.refinement import cost, gradient, hessian, rotation_angle
+from certnav.alignment.sdp import DualSolution
+from certnav.alignment.simulation import simulate_window
+from certnav.filters.errors import ConfigError, DataError
+from certnav.filters.rotation import matrix_from_rotvec
 
 
 def random_q(rng: np.random.Generator, n: int = 100) -> np.ndarray:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from alignment.in_motion import MotionOptions, attempts, wait_for_alignment
-from alignment.inertial_unknowns import InertialOptions
-from alignment.problem import ClockModel
-from alignment.refinement import rotation_angle
-from datasets.simulator import SimulationConfig, simulate
-from filters.errors import AlignmentError, ConfigError
-from filters.strapdown import InertialStream
-from velocity.range_rate import DopplerNoise
+from certnav.alignment.in_motion import MotionOptions, attempts, wait_for_alignment
+from certnav.alignment.inertial_unknowns import InertialOptions
+from certnav.alignment.problem import ClockModel
+from certnav.alignment.refinement import rotation_angle
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.filters.errors import AlignmentError, ConfigError
+from certnav.filters.strapdown import InertialStream
+from certnav.velocity.range_rate import DopplerNoise
 
 INERTIAL = InertialOptions(noise=DopplerNoise(0.03, 0.02), clock=ClockModel("random-walk", 0.03))
 

@@ -7,15 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from alignment.inertial import align_inertial
-from alignment.inertial_unknowns import InertialOptions
-from alignment.problem import ClockModel
-from alignment.refinement import rotation_angle
-from datasets.simulator import SimulationConfig, simulate
-from filters.errors import AlignmentError, ConfigError
-from filters.sensors import imu_preset
-from filters.strapdown import InertialStream
-from velocity.range_rate import DopplerNoise
+from certnav.alignment.inertial import align_inertial
+from certnav.alignment.inertial_unknowns import InertialOptions
+from certnav.alignment.problem import ClockModel
+from certnav.alignment.refinement import rotation_angle
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.filters.errors import AlignmentError, ConfigError
+from certnav.filters.sensors import imu_preset
+from certnav.filters.strapdown import InertialStream
+from certnav.velocity.range_rate import DopplerNoise
 
 #: What the simulator's receiver has.
 NOISE, CLOCK = DopplerNoise(0.03, 0.02), ClockModel("random-walk", 0.03)

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from alignment.inertial_rows import (
+from certnav.alignment.inertial_rows import (
     DopplerEpoch,
     InertialTrack,
     inertial_doppler,
@@ -16,12 +16,12 @@ from alignment.inertial_rows import (
     inertial_track,
     joined,
 )
-from datasets.simulator import SimulationConfig, simulate
-from filters.earth import gravity_e, lla_to_ecef
-from filters.errors import AlignmentError, DataError
-from filters.rotation import matrix_from_rotvec, skew
-from filters.strapdown import InertialStream
-from velocity.range_rate import doppler_rows
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.filters.earth import gravity_e, lla_to_ecef
+from certnav.filters.errors import AlignmentError, DataError
+from certnav.filters.rotation import matrix_from_rotvec, skew
+from certnav.filters.strapdown import InertialStream
+from certnav.velocity.range_rate import doppler_rows
 
 
 def exact_drive(lever):

@@ -5,15 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from alignment.initial import VelocityTrack, given_attitude, level_and_course
-from datasets.gpstime import from_week_sow
-from datasets.street_network import RouteConfig, drive
-from datasets.trajectory import Trajectory, imu_measurements
-from filters.earth import C_en_of, lla_to_ecef
-from filters.errors import AlignmentError
-from filters.rotation import matrix_from_rpy, rpy_from_matrix
-from filters.sensors import imu_preset
-from filters.strapdown import InertialStream
+from certnav.alignment.initial import VelocityTrack, given_attitude, level_and_course
+from certnav.datasets.gpstime import from_week_sow
+from certnav.datasets.street_network import RouteConfig, drive
+from certnav.datasets.trajectory import Trajectory, imu_measurements
+from certnav.filters.earth import C_en_of, lla_to_ecef
+from certnav.filters.errors import AlignmentError
+from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix
+from certnav.filters.sensors import imu_preset
+from certnav.filters.strapdown import InertialStream
 
 SPEC = imu_preset("adis16470")
 ORIGIN = (np.radians(48.0), np.radians(9.0), 300.0)

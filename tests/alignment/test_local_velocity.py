@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from alignment.local_velocity import inertial_track, planar_track
-from datasets.gpstime import from_week_sow
-from datasets.street_network import RouteConfig, drive
-from datasets.trajectory import Trajectory
-from filters.errors import AlignmentError
-from filters.rotation import matrix_from_rpy
-from filters.strapdown import InertialStream
+from certnav.alignment.local_velocity import inertial_track, planar_track
+from certnav.datasets.gpstime import from_week_sow
+from certnav.datasets.street_network import RouteConfig, drive
+from certnav.datasets.trajectory import Trajectory
+from certnav.filters.errors import AlignmentError
+from certnav.filters.rotation import matrix_from_rpy
+from certnav.filters.strapdown import InertialStream
 
 MOUNT = matrix_from_rpy(np.radians([3.0, -2.0, 40.0])).T
 LEVER_V = np.array([1.1, 0.2, -1.3])

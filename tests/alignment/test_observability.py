@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from alignment.observability import Geometry, observability
-from alignment.problem import AlignmentRows, ClockModel, build_problem
+from certnav.alignment.observability import Geometry, observability
+from certnav.alignment.problem import AlignmentRows, ClockModel, build_problem
 
 
 def problem_of(e_e, vel_w, C_ew, clock=None, sigma=0.05):

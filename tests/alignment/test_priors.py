@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from alignment.constraints import lift
-from alignment.fast_solver import fast_minimum
-from alignment.observability import observability
-from alignment.priors import heading_prior, up_prior, with_priors
-from alignment.problem import build_problem
-from alignment.refinement import rotation_angle
-from alignment.simulation import simulate_window
-from alignment.verdict import align
-from filters.errors import ConfigError, DataError
-from filters.rotation import matrix_from_rotvec
+from certnav.alignment.constraints import lift
+from certnav.alignment.fast_solver import fast_minimum
+from certnav.alignment.observability import observability
+from certnav.alignment.priors import heading_prior, up_prior, with_priors
+from certnav.alignment.problem import build_problem
+from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.simulation import simulate_window
+from certnav.alignment.verdict import align
+from certnav.filters.errors import ConfigError, DataError
+from certnav.filters.rotation import matrix_from_rotvec
 
 SIGMA = np.radians(0.5)
 

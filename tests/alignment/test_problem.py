@@ -7,16 +7,16 @@ import dataclasses
 import numpy as np
 import pytest
 
-from alignment.constraints import lift
-from alignment.problem import (
+from certnav.alignment.constraints import lift
+from certnav.alignment.problem import (
     AlignmentRows,
     ClockModel,
     build_problem,
     design_matrix,
     project_out,
 )
-from alignment.simulation import simulate_window
-from filters.errors import AlignmentError, ConfigError, DataError
+from certnav.alignment.simulation import simulate_window
+from certnav.filters.errors import AlignmentError, ConfigError, DataError
 
 MODELS = [
     ClockModel(),

@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import alignment.proof as proof_module
-from alignment.constraints import constraint_matrices
-from alignment.exact import exact_proof
-from alignment.fast_solver import fast_minimum
-from alignment.problem import build_problem
-from alignment.proof import check, forms, positive_definite, read, rotation, write
-from alignment.refinement import rotation_angle
-from alignment.simulation import simulate_window
-from filters.errors import DataError
+import certnav.alignment.proof as proof_module
+from certnav.alignment.constraints import constraint_matrices
+from certnav.alignment.exact import exact_proof
+from certnav.alignment.fast_solver import fast_minimum
+from certnav.alignment.problem import build_problem
+from certnav.alignment.proof import check, forms, positive_definite, read, rotation, write
+from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.simulation import simulate_window
+from certnav.filters.errors import DataError
 
 
 def proved(seed: int, satellites: int = 5, motion: str = "3d", sigma: float = 0.1):
@@ -132,7 +132,7 @@ def test_another_local_rotation_is_not_proved():
 
 def test_a_gap_is_no_proof():
     """Choi–Lam: nonnegative, but no sum of squares."""
-    from alignment.quartic import Z
+    from certnav.alignment.quartic import Z
 
     G = np.diag([1.0, 0, 0, 0, 0, 0, 0, 0.5, 0.5, 0.5])
     for a, b in ((1, 9), (2, 8), (3, 7)):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from alignment.constraints import lift
-from alignment.refinement import (
+from certnav.alignment.constraints import lift
+from certnav.alignment.refinement import (
     cost,
     gradient,
     hessian,
@@ -15,7 +15,7 @@ from alignment.refinement import (
     rotation_angle,
     tangent_basis,
 )
-from filters.rotation import matrix_from_rotvec
+from certnav.filters.rotation import matrix_from_rotvec
 
 
 @pytest.fixture

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from alignment.priors import up_prior
-from alignment.problem import AlignmentRows, ClockModel, build_problem
-from alignment.refinement import rotation_angle
-from alignment.robust import RobustOptions, _clock_gates, align_robust, robust_residuals
-from alignment.simulation import simulate_window
-from alignment.verdict import align
-from filters.errors import AlignmentError, ConfigError
+from certnav.alignment.priors import up_prior
+from certnav.alignment.problem import AlignmentRows, ClockModel, build_problem
+from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.robust import RobustOptions, _clock_gates, align_robust, robust_residuals
+from certnav.alignment.simulation import simulate_window
+from certnav.alignment.verdict import align
+from certnav.filters.errors import AlignmentError, ConfigError
 
 
 def window(seed: int, satellites: int = 6, motion: str = "3d", **options):

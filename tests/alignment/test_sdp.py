@@ -5,18 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from alignment.constraints import ALL, lift
-from alignment.problem import build_problem
-from alignment.refinement import cost, newton, rotation_angle
-from alignment.sdp import (
-    DualSolution,
-    lagrangian,
-    rotations_from_moments,
-    solve_dual,
-)
-from alignment.sdp_cvxpy import solve_dual_cvxpy
-from alignment.simulation import simulate_window
-from filters.errors import ConfigError
+from certnav.alignment.constraints import ALL, lift
+from certnav.alignment.problem import build_problem
+from certnav.alignment.refinement import cost, newton, rotation_angle
+from certnav.alignment.sdp import DualSolution, lagrangian, rotations_from_moments, solve_dual
+from certnav.alignment.sdp_cvxpy import solve_dual_cvxpy
+from certnav.alignment.simulation import simulate_window
+from certnav.filters.errors import ConfigError
 
 
 def random_cost(rng):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from alignment.simulation import ORBIT_RADIUS, simulate_window
-from filters.errors import ConfigError
+from certnav.alignment.simulation import ORBIT_RADIUS, simulate_window
+from certnav.filters.errors import ConfigError
 
 
 def test_rows_are_the_model_exactly(rng):

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from alignment.problem import AlignmentProblem, ClockModel, build_problem
-from alignment.refinement import rotation_angle
-from alignment.simulation import simulate_window
-from alignment.verdict import VerdictLimits, align
-from filters.errors import AlignmentError, ConfigError
+from certnav.alignment.problem import AlignmentProblem, ClockModel, build_problem
+from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.simulation import simulate_window
+from certnav.alignment.verdict import VerdictLimits, align
+from certnav.filters.errors import AlignmentError, ConfigError
 
 
 def window(seed: int, satellites: int, motion: str, **options):
@@ -86,7 +86,7 @@ def test_without_redundancy_nothing_is_consistent():
 
 def test_gap_is_reported_as_not_optimal():
     """A cost that is no sum of squares: Choi and Lam's quartic."""
-    from alignment.quartic import Z
+    from certnav.alignment.quartic import Z
 
     G = np.diag([1.0, 0, 0, 0, 0, 0, 0, 0.5, 0.5, 0.5])
     for a, b in ((1, 9), (2, 8), (3, 7)):

@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from alignment.problem import ClockModel, build_problem
-from alignment.simulation import simulate_window
-from alignment.window import SlidingWindow
-from filters.errors import AlignmentError, ConfigError, DataError
+from certnav.alignment.problem import ClockModel, build_problem
+from certnav.alignment.simulation import simulate_window
+from certnav.alignment.window import SlidingWindow
+from certnav.filters.errors import AlignmentError, ConfigError, DataError
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets import rtklib
-from datasets.atmosphere import klobuchar_delay, saastamoinen_delay
-from datasets.constellation import ION_ALPHA, ION_BETA, draw_constellation, write_navigation
-from filters.earth import ecef_to_lla, lla_to_ecef
+from certnav.datasets import rtklib
+from certnav.datasets.atmosphere import klobuchar_delay, saastamoinen_delay
+from certnav.datasets.constellation import ION_ALPHA, ION_BETA, draw_constellation, write_navigation
+from certnav.filters.earth import ecef_to_lla, lla_to_ecef
 
 TIME = 2129 * 604800.0 + 180600.0
 

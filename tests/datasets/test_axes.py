@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from datasets.axes import ATTITUDE, axes_matrix, rpy_of
-from datasets.imu_text import AXES
-from filters.errors import ConfigError
-from filters.rotation import matrix_from_rpy, rpy_from_matrix, wrap_angle
+from certnav.datasets.axes import ATTITUDE, axes_matrix, rpy_of
+from certnav.datasets.imu_text import AXES
+from certnav.filters.errors import ConfigError
+from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix, wrap_angle
 
 FRD = {"F": [1, 0, 0], "B": [-1, 0, 0], "R": [0, 1, 0], "L": [0, -1, 0], "D": [0, 0, 1]}
 FRD["U"] = [0, 0, -1]

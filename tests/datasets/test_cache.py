@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from datasets import cache
-from datasets.great_writer import simulate_folder
-from datasets.load import load
-from datasets.simulator import SimulationConfig
+from certnav.datasets import cache
+from certnav.datasets.great_writer import simulate_folder
+from certnav.datasets.load import load
+from certnav.datasets.simulator import SimulationConfig
 
 
 class Maker:
@@ -111,7 +111,7 @@ def test_nothing_is_kept_unless_asked(tmp_path, source):
 
 
 def test_rinex_is_read_once(tmp_path, monkeypatch):
-    from datasets.rtklib import observations
+    from certnav.datasets.rtklib import observations
 
     drive = tmp_path / "drive"
     simulate_folder(SimulationConfig(name="d", seed=3, duration=60.0, density="open"), drive)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from datasets import gpstime
-from datasets.catalogue import GREAT, PAGE, catalogue_text, entry, named_in
+from certnav.datasets import gpstime
+from certnav.datasets.catalogue import GREAT, PAGE, catalogue_text, entry, named_in
 
 
 def test_week_and_day_are_those_of_the_date():

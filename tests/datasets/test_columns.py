@@ -7,8 +7,8 @@ import gzip
 import numpy as np
 import pytest
 
-from datasets.columns import open_text, read_columns
-from filters.errors import ConfigError, DataError
+from certnav.datasets.columns import open_text, read_columns
+from certnav.filters.errors import ConfigError, DataError
 
 ROWS = [[0.0, 1.5, -2.0], [1.0, 2.5, -3.0], [2.0, 3.5, -4.0]]
 

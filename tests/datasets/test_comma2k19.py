@@ -7,11 +7,11 @@ import shutil
 import numpy as np
 import pytest
 
-from datasets.comma2k19 import is_comma2k19, read_comma2k19
-from datasets.physics import course_of
-from filters.earth import EARTH_RATE, OMEGA_IE_E, SPEED_OF_LIGHT, C_en_of, gravity_e
-from filters.errors import DataError
-from filters.rotation import matrix_from_rpy
+from certnav.datasets.comma2k19 import is_comma2k19, read_comma2k19
+from certnav.datasets.physics import course_of
+from certnav.filters.earth import EARTH_RATE, OMEGA_IE_E, SPEED_OF_LIGHT, C_en_of, gravity_e
+from certnav.filters.errors import DataError
+from certnav.filters.rotation import matrix_from_rpy
 
 
 @pytest.fixture(scope="module")

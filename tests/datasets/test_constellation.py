@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets import gpstime, rtklib
-from datasets.constellation import GM_GPS, draw_constellation, write_navigation
-from datasets.rinex import check_navigation
-from filters.earth import EARTH_RATE, C_en_of, lla_to_ecef
+from certnav.datasets import gpstime, rtklib
+from certnav.datasets.constellation import GM_GPS, draw_constellation, write_navigation
+from certnav.datasets.rinex import check_navigation
+from certnav.filters.earth import EARTH_RATE, C_en_of, lla_to_ecef
 
 TIME = gpstime.from_calendar(2020, 10, 27, 2, 10)
 

@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from datasets.declaration import BLANK
-from datasets.declare import draft_declaration
-from datasets.own_data import read_declared
-from filters.errors import ConfigError, DataError, NavError
+from certnav.datasets.declaration import BLANK
+from certnav.datasets.declare import draft_declaration
+from certnav.datasets.own_data import read_declared
+from certnav.filters.errors import ConfigError, DataError, NavError
 
 
 def write(file, names, columns, header=True):

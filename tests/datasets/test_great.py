@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from datasets import gpstime
-from datasets.great import read_great
-from datasets.great_files import first_observation, is_great, rinex_kind
-from datasets.sequence import GnssFixes, GnssObservations
-from filters.earth import C_en_at, ecef_to_lla, lla_to_ecef
-from filters.errors import ConfigError, DataError
+from certnav.datasets import gpstime
+from certnav.datasets.great import read_great
+from certnav.datasets.great_files import first_observation, is_great, rinex_kind
+from certnav.datasets.sequence import GnssFixes, GnssObservations
+from certnav.filters.earth import C_en_at, ecef_to_lla, lla_to_ecef
+from certnav.filters.errors import ConfigError, DataError
 
 LAT, LON = np.radians(30.53), np.radians(114.36)
 NAMES = (
@@ -128,8 +128,8 @@ def observations(monkeypatch):
         )
         return SimpleNamespace(fixes=fixes)
 
-    monkeypatch.setattr("datasets.rtklib.read_observations", read)
-    monkeypatch.setattr("datasets.rtklib.single_point", single_point)
+    monkeypatch.setattr("certnav.datasets.rtklib.read_observations", read)
+    monkeypatch.setattr("certnav.datasets.rtklib.single_point", single_point)
     return asked
 
 
@@ -334,7 +334,7 @@ def test_reference_points(tmp_path, point, expected):
 
 def test_levers_close_the_triangle_mems_tactical_antenna():
     """MEMS → antenna = MEMS → tactical + tactical → antenna, by the figure, to its 1 cm digits."""
-    from datasets.great_installation import LEVERS, MEMS_TO_TACTICAL, WEEK_2020
+    from certnav.datasets.great_installation import LEVERS, MEMS_TO_TACTICAL, WEEK_2020
 
     around = np.array(MEMS_TO_TACTICAL[WEEK_2020]) + LEVERS["figure", "tactical"][0]
     np.testing.assert_allclose(around, LEVERS["figure", "mems"][0], atol=1e-12)

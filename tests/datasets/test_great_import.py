@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datasets.great_files import find_files
-from datasets.great_import import import_archives, still_missing
-from datasets.great_inspect import inspect
-from filters.errors import DataError
+from certnav.datasets.great_files import find_files
+from certnav.datasets.great_import import import_archives, still_missing
+from certnav.datasets.great_inspect import inspect
+from certnav.filters.errors import DataError
 
 DAY2 = 2 * 86400.0  # 2020-10-27
 CAMPUS_01, URBAN_01, CAMPUS_NIGHT = 180590.0, 190000.0, 4 * 86400.0 + 40000.0
@@ -222,9 +222,9 @@ def test_content_decides(tmp_path, content, kind):
 
 def test_a_simulated_sequence_survives_being_zipped(tmp_path):
     """The writer's own folder, packed under names that say nothing, loads as it did."""
-    from datasets.great_writer import simulate_folder
-    from datasets.load import load
-    from datasets.simulator import SimulationConfig
+    from certnav.datasets.great_writer import simulate_folder
+    from certnav.datasets.load import load
+    from certnav.datasets.simulator import SimulationConfig
 
     folder = simulate_folder(
         SimulationConfig(name="s", seed=1, duration=40.0, density="open"), tmp_path / "s"

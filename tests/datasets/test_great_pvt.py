@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.great_pvt import is_flt, read_flt
-from filters.errors import DataError
+from certnav.datasets.great_pvt import is_flt, read_flt
+from certnav.filters.errors import DataError
 
 HEADER = (
     "# SOW X Y Z Vx Vy Vz X-RMS Y-RMS Z-RMS Vx-RMS Vy-RMS Vz-RMS NSat PDOP sigma0 AmbStatus "

@@ -8,12 +8,12 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from datasets import great_writer
-from datasets.great import read_great
-from datasets.great_writer import simulate_folder
-from datasets.simulator import SimulationConfig, simulate
-from filters.errors import DataError
-from filters.rotation import wrap_angle
+from certnav.datasets import great_writer
+from certnav.datasets.great import read_great
+from certnav.datasets.great_writer import simulate_folder
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.filters.errors import DataError
+from certnav.filters.rotation import wrap_angle
 
 CONFIG = SimulationConfig(duration=120.0, seed=4, density="suburb", static_start=10.0)
 
@@ -99,8 +99,8 @@ def test_tactical_imu_is_where_great_has_it(tmp_path):
 
 
 def _C_eb(reference):
-    from filters.earth import C_en_of
-    from filters.rotation import matrix_from_rpy
+    from certnav.filters.earth import C_en_of
+    from certnav.filters.rotation import matrix_from_rpy
 
     return C_en_of(reference.pos_e) @ matrix_from_rpy(reference.rpy)
 

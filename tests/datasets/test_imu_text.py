@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datasets.imu_text import read_imu_table, read_imu_text
-from filters.errors import ConfigError, DataError
+from certnav.datasets.imu_text import read_imu_table, read_imu_text
+from certnav.filters.errors import ConfigError, DataError
 
 ROWS = [
     "180590.00000 0.1000000000 -0.2000000000 0.3000000000 0.0100000000 0.0200000000 9.7900000000",

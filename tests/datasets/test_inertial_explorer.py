@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from datasets.inertial_explorer import dms_to_radians, read_reference, read_reference_table
-from filters.earth import C_en_at, lla_to_ecef
-from filters.errors import DataError
-from filters.rotation import matrix_from_rpy
+from certnav.datasets.inertial_explorer import dms_to_radians, read_reference, read_reference_table
+from certnav.filters.earth import C_en_at, lla_to_ecef
+from certnav.filters.errors import DataError
+from certnav.filters.rotation import matrix_from_rpy
 
 NAMES_2020 = (
     "Week GPSTime X-ECEF Y-ECEF Z-ECEF Latitude Longitude H-Ell VX-ECEF VY-ECEF VZ-ECEF "
@@ -39,7 +39,7 @@ class Drive:
         self.heading = np.degrees(angle) % 360.0
 
     def rows(self, *, week: str = "2129", easting: bool = False, dms: bool = True) -> list[str]:
-        from filters.earth import ecef_to_lla
+        from certnav.filters.earth import ecef_to_lla
 
         lla = ecef_to_lla(self.pos_e)
         rows = []

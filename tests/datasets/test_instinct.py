@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.instinct import is_spirent, read_spirent, smooth_trajectory
-from datasets.rtklib import single_point
-from filters.earth import OMEGA_IE_E, OMEGA_IE_SKEW, C_en_of, gravity_e
-from filters.errors import ConfigError, DataError
-from filters.rotation import matrix_from_rotvec, wrap_angle
-from velocity.least_squares import doppler_velocities
-from velocity.range_rate import line_of_sight, predicted_range_rate
+from certnav.datasets.instinct import is_spirent, read_spirent, smooth_trajectory
+from certnav.datasets.rtklib import single_point
+from certnav.filters.earth import OMEGA_IE_E, OMEGA_IE_SKEW, C_en_of, gravity_e
+from certnav.filters.errors import ConfigError, DataError
+from certnav.filters.rotation import matrix_from_rotvec, wrap_angle
+from certnav.velocity.least_squares import doppler_velocities
+from certnav.velocity.range_rate import line_of_sight, predicted_range_rate
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.kfgins import is_kfgins, kind_of, read_gnss, read_kfgins, read_nav
-from datasets.load import load
-from filters.earth import C_en_at, C_en_of, ecef_to_lla, lla_to_ecef
-from filters.errors import ConfigError, DataError
+from certnav.datasets.kfgins import is_kfgins, kind_of, read_gnss, read_kfgins, read_nav
+from certnav.datasets.load import load
+from certnav.filters.earth import C_en_at, C_en_of, ecef_to_lla, lla_to_ecef
+from certnav.filters.errors import ConfigError, DataError
 
 SOW, HZ, WEEK = 456300.0, 100.0, 2017
 LAT, LON = np.radians([30.44, 114.47])
@@ -152,14 +152,14 @@ def test_two_imus_in_one_folder_ask_for_one(folder):
 
 def test_what_this_program_writes_is_read_back(tmp_path):
     """`nav.formats.write_nav` writes a KF-GINS result."""
-    from nav.formats import write_nav
-    from nav.solution import Epochs, Trajectory
+    from certnav.nav.formats import write_nav
+    from certnav.nav.solution import Epochs, Trajectory
 
     n, rng = 20, np.random.default_rng(3)
     time = WEEK * 604800.0 + SOW + np.arange(n)
     pos_e = lla_to_ecef(LAT, LON, 20.0) + np.outer(np.arange(n), [1.0, 2.0, 0.5])
     angles = rng.uniform(-0.3, 0.3, (n, 3))
-    from filters.rotation import matrix_from_rpy
+    from certnav.filters.rotation import matrix_from_rpy
 
     zero = np.zeros((n, 3))
     trajectory = Trajectory(

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from datasets.load import formats, load, recognise
-from datasets.text_tables import read_table
-from filters.errors import ConfigError, DataError, NavError
+from certnav.datasets.load import formats, load, recognise
+from certnav.datasets.text_tables import read_table
+from certnav.filters.errors import ConfigError, DataError, NavError
 
 REAL = {
     "comma2k19-example1": "comma2k19",

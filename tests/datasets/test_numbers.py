@@ -5,9 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from datasets._numbers import read_numbers
-from datasets.text_tables import read_table
-from filters.errors import DataError
+from certnav.datasets._numbers import read_numbers
+from certnav.datasets.text_tables import read_table
+from certnav.filters.errors import DataError
 
 RNG = np.random.default_rng(11)
 

@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from datasets.oakville import is_oakville, read_oakville
-from filters.earth import C_en_at, C_en_of, ecef_to_lla
-from filters.errors import DataError
-from filters.rotation import matrix_from_rpy, wrap_angle
+from certnav.datasets.oakville import is_oakville, read_oakville
+from certnav.filters.earth import C_en_at, C_en_of, ecef_to_lla
+from certnav.filters.errors import DataError
+from certnav.filters.rotation import matrix_from_rpy, wrap_angle
 
 DRIVES = (
     "parking-lot-figure8-nominal-001",

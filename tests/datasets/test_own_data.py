@@ -11,15 +11,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from datasets import gpstime
-from datasets.imu_text import rates_from_increments
-from datasets.load import load, recognise
-from datasets.oakville import read_oakville
-from datasets.own_data import read_declared
-from datasets.pvt_columns import check_velocity
-from filters.earth import C_en_at, ecef_to_lla, lla_to_ecef
-from filters.errors import ConfigError, DataError, NavError
-from filters.rotation import matrix_from_rpy, rpy_from_matrix
+from certnav.datasets import gpstime
+from certnav.datasets.imu_text import rates_from_increments
+from certnav.datasets.load import load, recognise
+from certnav.datasets.oakville import read_oakville
+from certnav.datasets.own_data import read_declared
+from certnav.datasets.pvt_columns import check_velocity
+from certnav.filters.earth import C_en_at, ecef_to_lla, lla_to_ecef
+from certnav.filters.errors import ConfigError, DataError, NavError
+from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix
 
 SOW, WEEK, HZ = 180000.0, 2129, 50.0
 LAT, LON = np.radians([30.5, 114.4])
@@ -475,7 +475,7 @@ def test_reference_heading_alone_counter_clockwise_from_east(drive):
 
 def test_rtklib_solution_and_imu_in_g_with_back_right_up_axes(data_dir, tmp_path):
     """The RTK drive declared: the same samples and fixes as its own reader makes of it."""
-    from datasets.rtklibexplorer import read_rtklibexplorer, read_tag_start
+    from certnav.datasets.rtklibexplorer import read_rtklibexplorer, read_tag_start
 
     source = data_dir / "rtklibexplorer-drive"
     own = read_rtklibexplorer(source, imu_lag=0.0)
@@ -513,8 +513,8 @@ format = "rtklib"
 
 @pytest.fixture(scope="module")
 def simulated(tmp_path_factory):
-    from datasets.great_writer import simulate_folder
-    from datasets.simulator import SimulationConfig
+    from certnav.datasets.great_writer import simulate_folder
+    from certnav.datasets.simulator import SimulationConfig
 
     home = tmp_path_factory.mktemp("simulated")
     return simulate_folder(SimulationConfig(name="s", seed=1, duration=90.0), home / "s")
@@ -657,8 +657,8 @@ def test_an_oakville_drive_by_declaration_alone(data_dir, tmp_path, name):
     The drive has no date; the declaration gives it one, and GPS seconds resolve 0.24 µs there.
     The undated run therefore differs by that times the speed, some µm, and no more.
     """
-    from nav.config import Config, FilterConfig
-    from nav.pipeline import navigate
+    from certnav.nav.config import Config, FilterConfig
+    from certnav.nav.pipeline import navigate
 
     source = data_dir / "oakville-drives" / name
     own = read_oakville(source)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from datasets.rtklib.persistence import persistent_faults
+from certnav.datasets.rtklib.persistence import persistent_faults
 
 SATELLITES = tuple(f"G{k:02d}" for k in range(1, 10))
 

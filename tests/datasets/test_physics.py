@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.physics import (
+from certnav.datasets.physics import (
     check_gravity,
     check_gyro,
     course_of,
     decide_gyro_unit,
     gyro_unit_ratio,
 )
-from datasets.sequence import ImuData
-from filters.earth import C_en_of, lla_to_ecef
-from filters.errors import DataError
+from certnav.datasets.sequence import ImuData
+from certnav.filters.earth import C_en_of, lla_to_ecef
+from certnav.filters.errors import DataError
 
 DEG = np.pi / 180.0
 

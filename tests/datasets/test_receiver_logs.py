@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets import gpstime
-from datasets.receiver_logs import read_nmea, read_ubx
-from filters.earth import C_en_of, ecef_to_lla, lla_to_ecef
-from filters.errors import ConfigError, DataError
+from certnav.datasets import gpstime
+from certnav.datasets.receiver_logs import read_nmea, read_ubx
+from certnav.filters.earth import C_en_of, ecef_to_lla, lla_to_ecef
+from certnav.filters.errors import ConfigError, DataError
 
 #: 2025-07-08 19:34:00 UTC is 18 s later in GPS time.
 EPOCH = gpstime.from_calendar(2025, 7, 8, 19, 34, 18.0)

@@ -6,8 +6,8 @@ import gzip
 
 import pytest
 
-from datasets.rinex import check_navigation, check_observations
-from filters.errors import DataError
+from certnav.datasets.rinex import check_navigation, check_observations
+from certnav.filters.errors import DataError
 
 
 def labelled(content, label):

@@ -9,8 +9,8 @@ import sys
 
 import pytest
 
-from datasets.rinex_packing import is_packed, plain_rinex, unpack
-from filters.errors import DataError
+from certnav.datasets.rinex_packing import is_packed, plain_rinex, unpack
+from certnav.filters.errors import DataError
 
 needs_hatanaka = pytest.mark.skipif(
     importlib.util.find_spec("hatanaka") is None, reason="hatanaka (extra crx) not installed"
@@ -80,7 +80,7 @@ def test_without_the_package_the_message_says_what_to_install():
     code = (
         "import sys; sys.modules['hatanaka'] = None\n"
         "from datasets.rinex_packing import unpack\n"
-        "from filters.errors import DataError\n"
+        "from certnav.filters.errors import DataError\n"
         "try:\n    unpack(b' ' * 60 + b'CRINEX VERS   / TYPE', 'a.crx')\n"
         "except DataError as error:\n    print(error)\n"
     )

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.base_station import base_position
-from datasets.great import read_great
-from datasets.great_writer import simulate_folder
-from datasets.rtklib import relative_positions
-from datasets.rtklib.screened_rinex import write_screened
-from datasets.simulator import SimulationConfig, simulate
-from filters.earth import C_en_of
-from filters.errors import ConfigError, DataError
+from certnav.datasets.base_station import base_position
+from certnav.datasets.great import read_great
+from certnav.datasets.great_writer import simulate_folder
+from certnav.datasets.rtklib import relative_positions
+from certnav.datasets.rtklib.screened_rinex import write_screened
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.filters.earth import C_en_of
+from certnav.filters.errors import ConfigError, DataError
 
 CONFIG = SimulationConfig(duration=240.0, seed=3, density="open", base_distance_m=5000.0)
 
@@ -116,7 +116,7 @@ def test_a_screened_satellite_takes_no_part(drive, simulation):
 
 
 def test_screening_leaves_rows_whole_and_flags_reacquisition(drive, tmp_path):
-    from datasets.rtklib import read_observations
+    from certnav.datasets.rtklib import read_observations
 
     o = drive.observations
     gap = (o.sat == o.sat[0]) & (o.time > o.time[0] + 20) & (o.time < o.time[0] + 26)
@@ -174,7 +174,7 @@ def test_carrier_double_differences_are_whole_cycles():
 
     def single_range(o, clock, position):
         """Carrier less geometry and clocks [cycles]; only whole numbers remain."""
-        from filters.earth import EARTH_RATE, SPEED_OF_LIGHT
+        from certnav.filters.earth import EARTH_RATE, SPEED_OF_LIGHT
 
         sight = o.sat_pos_e - position
         for _ in range(4):

@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets import gpstime
-from datasets.rtklib import (
+from certnav.datasets import gpstime
+from certnav.datasets.rtklib import (
     ionosphere_delay,
     read_observations,
     satellite_states,
     single_point,
     troposphere_delay,
 )
-from datasets.rtklib.positioning import _PointEngine, _spp_options
-from datasets.rtklib.satellites import load_navigation
-from filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of, lla_to_ecef
-from filters.errors import ConfigError, DataError
-from velocity.least_squares import doppler_velocities
-from velocity.range_rate import doppler_rows, line_of_sight, with_elevation
+from certnav.datasets.rtklib.positioning import _PointEngine, _spp_options
+from certnav.datasets.rtklib.satellites import load_navigation
+from certnav.filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of, lla_to_ecef
+from certnav.filters.errors import ConfigError, DataError
+from certnav.velocity.least_squares import doppler_velocities
+from certnav.velocity.range_rate import doppler_rows, line_of_sight, with_elevation
 
 WEEK, SOW = 2129, 180600.0  # 2020-10-27 02:10:00
 TIME = WEEK * 604800.0 + SOW

@@ -7,10 +7,10 @@ import shutil
 import numpy as np
 import pytest
 
-from datasets.constellation import draw_constellation, write_navigation
-from datasets.rinex_packing import plain_name
-from datasets.rtklib import satellite_states
-from datasets.rtklib.file_names import harmless_name
+from certnav.datasets.constellation import draw_constellation, write_navigation
+from certnav.datasets.rinex_packing import plain_name
+from certnav.datasets.rtklib import satellite_states
+from certnav.datasets.rtklib.file_names import harmless_name
 
 TIME = 2129 * 604800.0 + 180000.0
 

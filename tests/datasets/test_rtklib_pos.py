@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datasets import gpstime
-from datasets.rtklib_pos import is_pos, read_pos
-from filters.earth import C_en_at, lla_to_ecef
-from filters.errors import DataError
+from certnav.datasets import gpstime
+from certnav.datasets.rtklib_pos import is_pos, read_pos
+from certnav.filters.earth import C_en_at, lla_to_ecef
+from certnav.filters.errors import DataError
 
 GEODETIC = (
     "%  GPST            latitude(deg) longitude(deg) height(m) Q ns sdn(m) sde(m) sdu(m) sdne(m) "

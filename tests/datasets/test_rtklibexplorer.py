@@ -7,16 +7,16 @@ import struct
 import numpy as np
 import pytest
 
-from datasets import gpstime
-from datasets.rtklib_pos import read_pos
-from datasets.rtklibexplorer import (
+from certnav.datasets import gpstime
+from certnav.datasets.rtklib_pos import read_pos
+from certnav.datasets.rtklibexplorer import (
     IMU_LAG,
     is_rtklibexplorer,
     read_rtklibexplorer,
     read_tag_start,
 )
-from filters.earth import C_en_of
-from filters.errors import ConfigError, DataError
+from certnav.filters.earth import C_en_of
+from certnav.filters.errors import ConfigError, DataError
 
 
 @pytest.fixture(scope="module")

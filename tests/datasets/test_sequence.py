@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.sequence import Calibration, GnssFixes, GnssObservations, Odometer, Sequence
-from filters.errors import DataError
-from filters.sensors import imu_preset
+from certnav.datasets.sequence import Calibration, GnssFixes, GnssObservations, Odometer, Sequence
+from certnav.filters.errors import DataError
+from certnav.filters.sensors import imu_preset
 
 
 def observations(n=4, **columns):

@@ -7,15 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from datasets import rtklib
-from datasets.constellation import write_navigation
-from datasets.signals import ReceiverClock, open_sky_cn0, range_rate_sigma
-from datasets.simulator import SimulationConfig, simulate
-from datasets.street_canyon import City
-from filters.earth import EARTH_RATE, OMEGA_IE_E, SPEED_OF_LIGHT, C_en_of
-from filters.errors import ConfigError
-from filters.sensors import imu_preset
-from filters.strapdown import InertialStream, NavState, integrate
+from certnav.datasets import rtklib
+from certnav.datasets.constellation import write_navigation
+from certnav.datasets.signals import ReceiverClock, open_sky_cn0, range_rate_sigma
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.street_canyon import City
+from certnav.filters.earth import EARTH_RATE, OMEGA_IE_E, SPEED_OF_LIGHT, C_en_of
+from certnav.filters.errors import ConfigError
+from certnav.filters.sensors import imu_preset
+from certnav.filters.strapdown import InertialStream, NavState, integrate
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ import shutil
 import numpy as np
 import pytest
 
-from datasets.load import load
-from datasets.smartloc import DRIVE, RAW, read_smartloc
-from filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of
-from filters.errors import DataError
-from filters.rotation import wrap_angle
+from certnav.datasets.load import load
+from certnav.datasets.smartloc import DRIVE, RAW, read_smartloc
+from certnav.filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of
+from certnav.filters.errors import DataError
+from certnav.filters.rotation import wrap_angle
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +46,8 @@ def range_rate_errors(observations, reference):
 
 
 def test_no_imu_is_said_by_name(drive):
-    from nav.config import Config
-    from nav.pipeline import navigate
+    from certnav.nav.config import Config
+    from certnav.nav.pipeline import navigate
 
     assert drive.imu is None
     with pytest.raises(DataError, match="no IMU data — certnav run needs an IMU"):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.special import fresnel
 
-from datasets import street_canyon
-from datasets.street_canyon import City, Density, knife_edge_loss
-from datasets.street_network import Block
-from filters.errors import ConfigError
+from certnav.datasets import street_canyon
+from certnav.datasets.street_canyon import City, Density, knife_edge_loss
+from certnav.datasets.street_network import Block
+from certnav.filters.errors import ConfigError
 
 #: A street that runs north, 20 m wide, walls of 32 m on both sides, no gaps.
 WALLS = Density((10.0, 10.0), 32.0, 0.0, 0.0, 0.0, 0.0, 0.0)

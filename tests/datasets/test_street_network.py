@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.street_network import RouteConfig, drive, smoothstep, smoothstep_integral
-from datasets.trajectory import Trajectory
+from certnav.datasets.street_network import RouteConfig, drive, smoothstep, smoothstep_integral
+from certnav.datasets.trajectory import Trajectory
 
 START = 1287800000.0
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets import gpstime
-from datasets.columns import open_text, read_columns
-from datasets.time_scales import SCALES, TimeScale, gps_time
-from filters.errors import DataError
+from certnav.datasets import gpstime
+from certnav.datasets.columns import open_text, read_columns
+from certnav.datasets.time_scales import SCALES, TimeScale, gps_time
+from certnav.filters.errors import DataError
 
 #: 2025-07-08 19:34:18.5 in GPS time; UTC is 18 s less.
 NOON = gpstime.from_calendar(2025, 7, 8, 19, 34, 18.5)

@@ -9,11 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from datasets.trajectory import Trajectory, fixes_from_truth, imu_measurements
-from filters.earth import EARTH_RATE, OMEGA_IE_E, C_en_of, gravity_e
-from filters.errors import DataError
-from filters.rotation import matrix_from_rpy, skew
-from filters.sensors import imu_preset
+from certnav.datasets.trajectory import Trajectory, fixes_from_truth, imu_measurements
+from certnav.filters.earth import EARTH_RATE, OMEGA_IE_E, C_en_of, gravity_e
+from certnav.filters.errors import DataError
+from certnav.filters.rotation import matrix_from_rpy, skew
+from certnav.filters.sensors import imu_preset
 
 ORIGIN = np.array([np.radians(30.53), np.radians(114.36), 30.0])
 T0 = 1287800000.0

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from datasets.gpstime import from_week_sow
-from datasets.street_network import RouteConfig, drive
-from datasets.trajectory import Trajectory
-from filters import earth
-from filters.rotation import matrix_from_rpy
-from filters.strapdown import NavState
+from certnav.datasets.gpstime import from_week_sow
+from certnav.datasets.street_network import RouteConfig, drive
+from certnav.datasets.trajectory import Trajectory
+from certnav.filters import earth
+from certnav.filters.rotation import matrix_from_rpy
+from certnav.filters.strapdown import NavState
 
 
 @pytest.fixture

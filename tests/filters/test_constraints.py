@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from filters import constraints
-from filters.error_model import GYRO_BIAS
-from filters.rotation import matrix_from_rotvec, matrix_from_rpy
+from certnav.filters import constraints
+from certnav.filters.error_model import GYRO_BIAS
+from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy
 
 OMEGA = np.array([0.02, -0.05, 0.35])
 LEVER = np.array([-1.2, 0.1, 0.7])
@@ -60,7 +60,7 @@ def test_standstill_jacobians(moving_state):
     bias = np.array([1e-3, -2e-3, 5e-4])
 
     def rate(x):
-        from filters.earth import OMEGA_IE_E
+        from certnav.filters.earth import OMEGA_IE_E
 
         return bias + x[GYRO_BIAS] + moved(moving_state, x).C_eb.T @ OMEGA_IE_E
 
@@ -71,7 +71,7 @@ def test_standstill_jacobians(moving_state):
 
 def test_constraints_hold_on_the_simulated_car(city_drive):
     """At the rear axle nothing moves sideways or up, also in turns; at the IMU it does."""
-    from filters.strapdown import NavState
+    from certnav.filters.strapdown import NavState
 
     time = city_drive.span[0] + np.arange(60.0, 300.0, 0.5)
     k = city_drive.kinematics(time)
@@ -86,7 +86,7 @@ def test_constraints_hold_on_the_simulated_car(city_drive):
 
 
 def test_standing_still_is_consistent_with_zero_rate(city_drive):
-    from filters.strapdown import NavState
+    from certnav.filters.strapdown import NavState
 
     t = city_drive.span[0] + 5.0  # parked
     k = city_drive.kinematics(np.array([t]))

@@ -7,16 +7,16 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from datasets.sequence import ImuData
-from datasets.trajectory import fixes_from_truth, imu_measurements
-from filters import _kernels, measurements
-from filters.earth import C_en_of
-from filters.ekf import ErrorStateFilter, gate_limit
-from filters.error_model import ErrorModel
-from filters.errors import DataError
-from filters.rotation import matrix_from_rotvec
-from filters.sensors import imu_preset
-from filters.strapdown import InertialStream, NavState
+from certnav.datasets.sequence import ImuData
+from certnav.datasets.trajectory import fixes_from_truth, imu_measurements
+from certnav.filters import _kernels, measurements
+from certnav.filters.earth import C_en_of
+from certnav.filters.ekf import ErrorStateFilter, gate_limit
+from certnav.filters.error_model import ErrorModel
+from certnav.filters.errors import DataError
+from certnav.filters.rotation import matrix_from_rotvec
+from certnav.filters.sensors import imu_preset
+from certnav.filters.strapdown import InertialStream, NavState
 
 LEVER = np.array([-0.65, -0.05, -0.15])
 RATE = 50.0

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from filters import _kernels
-from filters.error_model import ATT, GYRO_BIAS, GYRO_SCALE, POS, VEL, ErrorModel
-from filters.errors import ConfigError
-from filters.rotation import matrix_from_rotvec
-from filters.sensors import imu_preset
+from certnav.filters import _kernels
+from certnav.filters.error_model import ATT, GYRO_BIAS, GYRO_SCALE, POS, VEL, ErrorModel
+from certnav.filters.errors import ConfigError
+from certnav.filters.rotation import matrix_from_rotvec
+from certnav.filters.sensors import imu_preset
 
 OMEGA = np.array([0.05, -0.08, 0.6])
 FORCE = np.array([2.0, -3.5, -9.6])

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from filters.fault_exclusion import chi2_limit, consistent_rows
+from certnav.filters.fault_exclusion import chi2_limit, consistent_rows
 
 
 def equations(rng, n, p=3, noise=1.0):

@@ -3,14 +3,22 @@
 import numpy as np
 import pytest
 
-from filters import _kernels, measurements
-from filters.earth import OMEGA_IE_E, gravity_e
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ATT, CLOCK_DRIFT_SIGMA, POS, SHARED, VEL, ErrorModel, shared_root
-from filters.measurements import Measurement
-from filters.sensors import imu_preset
-from filters.smoother import smooth
-from filters.strapdown import InertialStream, NavState
+from certnav.filters import _kernels, measurements
+from certnav.filters.earth import OMEGA_IE_E, gravity_e
+from certnav.filters.ekf import ErrorStateFilter
+from certnav.filters.error_model import (
+    ATT,
+    CLOCK_DRIFT_SIGMA,
+    POS,
+    SHARED,
+    VEL,
+    ErrorModel,
+    shared_root,
+)
+from certnav.filters.measurements import Measurement
+from certnav.filters.sensors import imu_preset
+from certnav.filters.smoother import smooth
+from certnav.filters.strapdown import InertialStream, NavState
 
 TAU = 10.0
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from filters import _jit, _kernels
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ErrorModel
-from filters.sensors import imu_preset
-from filters.strapdown import InertialStream, NavState
+from certnav.filters import _jit, _kernels
+from certnav.filters.ekf import ErrorStateFilter
+from certnav.filters.error_model import ErrorModel
+from certnav.filters.sensors import imu_preset
+from certnav.filters.strapdown import InertialStream, NavState
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -38,10 +38,10 @@ def test_without_numba_the_numbers_are_the_same(tmp_path):
         "spec.loader.exec_module(run)\n"
         f"np.save({str(file)!r}, run.final())\n"
         "assert 'numba' not in sys.modules\n"
-        "from filters import _jit, _kernels\n"
+        "from certnav.filters import _jit, _kernels\n"
         "print(_jit.notice(_kernels.advance))\n"
     )
-    environment = {**os.environ, "CERTNAV_NO_JIT": "1", "PYTHONPATH": str(ROOT)}
+    environment = {**os.environ, "CERTNAV_NO_JIT": "1"}
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
     )
@@ -53,19 +53,20 @@ def test_without_numba_the_numbers_are_the_same(tmp_path):
 
 def test_a_cold_cache_is_announced_and_a_warm_one_is_not(tmp_path):
     code = (
-        "from filters import _jit\n"
-        "from filters._jit import njit\n"
+        "from certnav.filters import _jit\n"
+        "from certnav.filters._jit import njit\n"
         "import one\n"
         "print(repr(_jit.notice(one.double)))\n"
         "one.double(1.0)\n"
         "print(repr(_jit.notice(one.double)))\n"
     )
     (tmp_path / "one.py").write_text(
-        "from filters._jit import njit\n\n\n@njit(cache=True)\ndef double(x):\n    return 2.0 * x\n"
+        "from certnav.filters._jit import njit\n\n\n@njit(cache=True)\n"
+        "def double(x):\n    return 2.0 * x\n"
     )
     environment = {
         **os.environ,
-        "PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)]),
+        "PYTHONPATH": str(tmp_path),
         "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
         "CERTNAV_NO_JIT": "",
     }

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ErrorModel
-from filters.errors import DataError
-from filters.measurement_update import compiled, innovation, turned, with_filterpy
-from filters.measurements import Measurement, position
-from filters.rotation import matrix_from_rotvec
-from filters.sensors import imu_preset
-from filters.strapdown import InertialStream, NavState
+from certnav.filters.ekf import ErrorStateFilter
+from certnav.filters.error_model import ErrorModel
+from certnav.filters.errors import DataError
+from certnav.filters.measurement_update import compiled, innovation, turned, with_filterpy
+from certnav.filters.measurements import Measurement, position
+from certnav.filters.rotation import matrix_from_rotvec
+from certnav.filters.sensors import imu_preset
+from certnav.filters.strapdown import InertialStream, NavState
 
 
 def covariance(rng, n):

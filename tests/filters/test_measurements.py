@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from filters import measurements
-from filters.rotation import matrix_from_rotvec
+from certnav.filters import measurements
+from certnav.filters.rotation import matrix_from_rotvec
 
 LEVER = np.array([-0.65, -0.05, -0.15])
 OMEGA = np.array([0.02, -0.05, 0.35])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from datasets import gpstime
-from filters import earth
-from filters.rotation import (
+from certnav.datasets import gpstime
+from certnav.filters import earth
+from certnav.filters.rotation import (
     matrix_from_rotvec,
     matrix_from_rpy,
     orthonormalise,

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from datasets.trajectory import fixes_from_truth, imu_measurements
-from filters import _kernels, measurements
-from filters.earth import C_en_of
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ErrorModel
-from filters.rotation import matrix_from_rotvec
-from filters.sensors import imu_preset
-from filters.smoother import smooth
-from filters.strapdown import InertialStream, NavState
+from certnav.datasets.trajectory import fixes_from_truth, imu_measurements
+from certnav.filters import _kernels, measurements
+from certnav.filters.earth import C_en_of
+from certnav.filters.ekf import ErrorStateFilter
+from certnav.filters.error_model import ErrorModel
+from certnav.filters.rotation import matrix_from_rotvec
+from certnav.filters.sensors import imu_preset
+from certnav.filters.smoother import smooth
+from certnav.filters.strapdown import InertialStream, NavState
 
 SPEC = dataclasses.replace(
     imu_preset("adis16470"), gyro_bias_turn_on_degph=50.0, accel_bias_turn_on_mg=2.0

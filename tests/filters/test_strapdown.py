@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from filters import earth
-from filters.errors import DataError
-from filters.rotation import matrix_from_rpy, rpy_from_matrix
-from filters.strapdown import InertialStream, NavState, integrate
+from certnav.filters import earth
+from certnav.filters.errors import DataError
+from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix
+from certnav.filters.strapdown import InertialStream, NavState, integrate
 
 
 def exact_stream(trajectory, rate, duration, start_offset=1.0):
@@ -60,9 +60,9 @@ def test_split_intervals_change_nothing(city_drive):
 
 def integrate_to(stream, state, until):
     """State at a time between IMU samples, through the filter that splits there."""
-    from filters.ekf import ErrorStateFilter
-    from filters.error_model import ErrorModel
-    from filters.sensors import imu_preset
+    from certnav.filters.ekf import ErrorStateFilter
+    from certnav.filters.error_model import ErrorModel
+    from certnav.filters.sensors import imu_preset
 
     kalman = ErrorStateFilter(ErrorModel(imu_preset("tactical")), stream, state, np.eye(15))
     kalman.propagate(until)

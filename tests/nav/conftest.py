@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from datasets.sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
-from filters.earth import OMEGA_IE_E, C_en_at, C_en_of, lla_to_ecef
-from filters.rotation import matrix_from_rotvec, matrix_from_rpy, rpy_from_matrix
-from filters.sensors import imu_preset
-from nav.solution import AlignmentReport, Epochs, Solution, Trajectory, Update
+from certnav.datasets.sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
+from certnav.filters.earth import OMEGA_IE_E, C_en_at, C_en_of, lla_to_ecef
+from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy, rpy_from_matrix
+from certnav.filters.sensors import imu_preset
+from certnav.nav.solution import AlignmentReport, Epochs, Solution, Trajectory, Update
 
 START = 2201 * 604800.0 + 345600.0
 ORIGIN = np.deg2rad([30.53, 114.36])

@@ -7,16 +7,16 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from alignment.problem import ClockModel
-from alignment.simulation import simulate_window
-from datasets.load import load
-from datasets.sequence import Odometer
-from datasets.simulator import SimulationConfig, simulate
-from filters.errors import AlignmentError, ConfigError
-from nav.alignment_noise import fit_window_noise
-from nav.alignment_windows import WindowOptions, align_recording, align_windows, summary
-from nav.cli import main
-from velocity.range_rate import DopplerNoise
+from certnav.alignment.problem import ClockModel
+from certnav.alignment.simulation import simulate_window
+from certnav.datasets.load import load
+from certnav.datasets.sequence import Odometer
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.filters.errors import AlignmentError, ConfigError
+from certnav.nav.alignment_noise import fit_window_noise
+from certnav.nav.alignment_windows import WindowOptions, align_recording, align_windows, summary
+from certnav.nav.cli import main
+from certnav.velocity.range_rate import DopplerNoise
 
 
 class Labels(NamedTuple):

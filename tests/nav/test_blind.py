@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from datasets.sequence import ImuData, Sequence
-from datasets.simulator import SimulationConfig, simulate
-from datasets.trajectory import fixes_from_truth
-from nav.blind import blind_spells, is_gap
-from nav.config import Config, from_tables
-from nav.evaluation import evaluate
-from nav.gnss import gnss_timeline
-from nav.pipeline import navigate
+from certnav.datasets.sequence import ImuData, Sequence
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.trajectory import fixes_from_truth
+from certnav.nav.blind import blind_spells, is_gap
+from certnav.nav.config import Config, from_tables
+from certnav.nav.evaluation import evaluate
+from certnav.nav.gnss import gnss_timeline
+from certnav.nav.pipeline import navigate
 
 
 @pytest.fixture(scope="module")

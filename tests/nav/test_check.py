@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datasets.load import load
-from nav.check import check, check_sequence
+from certnav.datasets.load import load
+from certnav.nav.check import check, check_sequence
 
 SCRIPT = Path(__file__).resolve().parents[2] / "scripts" / "broken_copies.py"
 

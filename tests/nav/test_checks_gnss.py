@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from datasets.sequence import GnssFixes, GnssObservations
-from filters.earth import SPEED_OF_LIGHT, C_en_at, lla_to_ecef
-from nav.checks_gnss import doppler, fixes, pseudoranges, signal_strength
-from nav.tracks import Track, Tracks
+from certnav.datasets.sequence import GnssFixes, GnssObservations
+from certnav.filters.earth import SPEED_OF_LIGHT, C_en_at, lla_to_ecef
+from certnav.nav.checks_gnss import doppler, fixes, pseudoranges, signal_strength
+from certnav.nav.tracks import Track, Tracks
 
 LAT, LON = np.radians([48.0, 11.0])
 NOTHING = Tracks(None, None, None, None)

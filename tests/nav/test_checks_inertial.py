@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 
-from datasets.sequence import ImuData
-from filters.sensors import STANDARD_GRAVITY, imu_preset
-from nav.checks_inertial import frozen, gravity, noise, sampling, saturated
-from nav.tracks import Track
+from certnav.datasets.sequence import ImuData
+from certnav.filters.sensors import STANDARD_GRAVITY, imu_preset
+from certnav.nav.checks_inertial import frozen, gravity, noise, sampling, saturated
+from certnav.nav.tracks import Track
 
 RATE = 100.0
 

@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 
-from filters.earth import lla_to_ecef
-from nav.checks_motion import (
+from certnav.filters.earth import lla_to_ecef
+from certnav.nav.checks_motion import (
     Inertial,
     accelerometer,
     gyro,
@@ -16,7 +16,7 @@ from nav.checks_motion import (
     offset_findings,
     time_offset,
 )
-from nav.tracks import Track
+from certnav.nav.tracks import Track
 
 POSITION = np.radians([48.0, 11.0])
 

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from datasets.sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
-from filters.earth import C_en_at, lla_to_ecef
-from filters.rotation import matrix_from_rpy
-from filters.sensors import imu_preset
-from nav.checks_reference import reference_findings
-from nav.tracks import tracks
+from certnav.datasets.sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
+from certnav.filters.earth import C_en_at, lla_to_ecef
+from certnav.filters.rotation import matrix_from_rpy
+from certnav.filters.sensors import imu_preset
+from certnav.nav.checks_reference import reference_findings
+from certnav.nav.tracks import tracks
 
 ORIGIN = np.radians([48.0, 11.0])
 LEVER = np.array([-0.65, -0.05, -0.15])

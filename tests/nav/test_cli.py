@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from datasets.great_writer import simulate_folder
-from datasets.simulator import SimulationConfig
-from nav.cli import main
-from nav.results import read_result
+from certnav.datasets.great_writer import simulate_folder
+from certnav.datasets.simulator import SimulationConfig
+from certnav.nav.cli import main
+from certnav.nav.results import read_result
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_only_one_format_and_the_same_numbers(drive, tmp_path, capsys):
 
 
 def test_rinex_comes_from_the_cache_and_gives_the_same_solution(drive, tmp_path, monkeypatch):
-    from datasets.rtklib import observations
+    from certnav.datasets.rtklib import observations
 
     first, second = tmp_path / "first", tmp_path / "second"
     assert main(["run", str(drive), "--out", str(first), "--only", "tum"]) == 0
@@ -276,7 +276,7 @@ def test_a_run_imports_nothing_slow_that_it_may_not_need():
 def test_help_is_instant():
     """No numerical library may be imported for --help."""
     code = (
-        "import sys; from nav.cli import main\n"
+        "import sys; from certnav.nav.cli import main\n"
         "try: main(['--help'])\n"
         "except SystemExit: pass\n"
         "heavy = {'numpy', 'scipy', 'numba', 'pandas', 'matplotlib'} & set(sys.modules)\n"

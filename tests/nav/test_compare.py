@@ -9,18 +9,26 @@ import json
 import numpy as np
 import pytest
 
-from datasets.load import load
-from datasets.simulator import SimulationConfig, simulate
-from datasets.trajectory import fixes_from_truth
-from filters.errors import ConfigError, DataError
-from nav import compare_command
-from nav.alignment_windows import summary
-from nav.compare import SIDECAR, Comparison, Run, as_dict, compare, spell_figures, statistics
-from nav.compare_report import build_page, merge, write_page
-from nav.config import Config
-from nav.degradation import parse_outages
-from nav.evaluation import evaluate
-from nav.methods import METHODS, parse_methods
+from certnav.datasets.load import load
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.trajectory import fixes_from_truth
+from certnav.filters.errors import ConfigError, DataError
+from certnav.nav import compare_command
+from certnav.nav.alignment_windows import summary
+from certnav.nav.compare import (
+    SIDECAR,
+    Comparison,
+    Run,
+    as_dict,
+    compare,
+    spell_figures,
+    statistics,
+)
+from certnav.nav.compare_report import build_page, merge, write_page
+from certnav.nav.config import Config
+from certnav.nav.degradation import parse_outages
+from certnav.nav.evaluation import evaluate
+from certnav.nav.methods import METHODS, parse_methods
 
 
 def _drive(noise: bool = True):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from filters.errors import ConfigError, DataError
-from nav.config import Config, from_tables, load_config, to_toml
+from certnav.filters.errors import ConfigError, DataError
+from certnav.nav.config import Config, from_tables, load_config, to_toml
 
 
 def test_toml_round_trip(tmp_path):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.simulator import SimulationConfig, simulate
-from datasets.trajectory import fixes_from_truth
-from filters.errors import ConfigError
-from nav.degradation import REASON, degrade, in_spells, parse_outages
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.trajectory import fixes_from_truth
+from certnav.filters.errors import ConfigError
+from certnav.nav.degradation import REASON, degrade, in_spells, parse_outages
 
 
 @pytest.fixture(scope="module")

@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from datasets.sequence import Calibration
-from filters.earth import C_en_of
-from filters.ekf import ErrorStateFilter
-from filters.error_model import VEL, ErrorModel
-from filters.sensors import imu_preset
-from filters.strapdown import InertialStream, NavState
-from nav.doppler_update import DopplerScreening, rows_measurement
-from velocity.range_rate import DopplerRows
+from certnav.datasets.sequence import Calibration
+from certnav.filters.earth import C_en_of
+from certnav.filters.ekf import ErrorStateFilter
+from certnav.filters.error_model import VEL, ErrorModel
+from certnav.filters.sensors import imu_preset
+from certnav.filters.strapdown import InertialStream, NavState
+from certnav.nav.doppler_update import DopplerScreening, rows_measurement
+from certnav.velocity.range_rate import DopplerRows
 
 HOLD, SIGMA = 10.0, 0.05
 DRIFT = 12.0

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from nav.doubts import doubts
-from nav.solution import Update
+from certnav.nav.doubts import doubts
+from certnav.nav.solution import Update
 
 GATE = 1e-4
 

@@ -7,10 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from filters.earth import C_en_of
-from filters.errors import DataError
-from filters.rotation import matrix_from_rotvec, matrix_from_rpy, rpy_from_matrix, wrap_angle
-from nav.evaluation import (
+from certnav.filters.earth import C_en_of
+from certnav.filters.errors import DataError
+from certnav.filters.rotation import (
+    matrix_from_rotvec,
+    matrix_from_rpy,
+    rpy_from_matrix,
+    wrap_angle,
+)
+from certnav.nav.evaluation import (
     METRICS,
     attitude_vector_from_rpy,
     evaluate,
@@ -19,7 +24,7 @@ from nav.evaluation import (
     rpy_covariance,
     usable_at,
 )
-from nav.solution import Epochs, Update
+from certnav.nav.solution import Epochs, Update
 
 
 def shifted(solution, pos_n=(0, 0, 0), vel_n=(0, 0, 0), C_bb=None):

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from nav.findings import Finding, Report, clock, in_order
+from certnav.nav.findings import Finding, Report, clock, in_order
 
 NOTE = Finding("note", "gyro", "in order", numbers={"ratio": 1.0})
 DOUBT = Finding("doubtful", "time", "0.1 s late", "subtract it", {"sigma": float("nan")})

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from datasets.gpstime import from_calendar, from_week_sow
-from filters.earth import C_en_at, C_en_of, lla_to_ecef
-from filters.errors import ConfigError
-from filters.rotation import matrix_from_rpy
-from nav.evaluation import usable_at
-from nav.formats import FORMATS, format_rows, parse_formats, write_formats
+from certnav.datasets.gpstime import from_calendar, from_week_sow
+from certnav.filters.earth import C_en_at, C_en_of, lla_to_ecef
+from certnav.filters.errors import ConfigError
+from certnav.filters.rotation import matrix_from_rpy
+from certnav.nav.evaluation import usable_at
+from certnav.nav.formats import FORMATS, format_rows, parse_formats, write_formats
 
 KML = {"k": "http://www.opengis.net/kml/2.2"}
 

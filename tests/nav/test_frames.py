@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from filters import _kernels
-from filters.earth import C_en_of, lla_to_ecef
-from nav.pipeline import trajectory_from_rows
+from certnav.filters import _kernels
+from certnav.filters.earth import C_en_of, lla_to_ecef
+from certnav.nav.pipeline import trajectory_from_rows
 
 UPPER = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from filters.errors import DataError
-from filters.rotation import matrix_from_rotvec
-from nav.interpolation import covered, interpolate
+from certnav.filters.errors import DataError
+from certnav.filters.rotation import matrix_from_rotvec
+from certnav.nav.interpolation import covered, interpolate
 
 
 def test_interpolation_is_exact_for_a_cubic_and_a_steady_turn(drive):

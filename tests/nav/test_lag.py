@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nav.lag import find_lag, fit_increments
+from certnav.nav.lag import find_lag, fit_increments
 
 
 def signal(t: np.ndarray) -> np.ndarray:

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from datasets.simulator import SimulationConfig, simulate
-from datasets.trajectory import fixes_from_truth
-from filters.errors import DataError
-from nav.config import from_tables
-from nav.gnss import gnss_timeline
-from nav.navigator import Navigator
-from nav.pipeline import navigate
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.trajectory import fixes_from_truth
+from certnav.filters.errors import DataError
+from certnav.nav.config import from_tables
+from certnav.nav.gnss import gnss_timeline
+from certnav.nav.navigator import Navigator
+from certnav.nav.pipeline import navigate
 
 CONFIG = from_tables({"filter": {"output_rate_hz": 10.0}})
 

@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
-from datasets.sequence import GnssFixes, ImuData, Sequence
-from datasets.simulator import SimulationConfig, simulate
-from datasets.trajectory import fixes_from_truth
-from filters.errors import AlignmentError, ConfigError, DataError
-from nav.config import from_tables
-from nav.evaluation import evaluate
-from nav.gnss import gnss_timeline, sources
-from nav.pipeline import navigate
+from certnav.datasets.sequence import GnssFixes, ImuData, Sequence
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.trajectory import fixes_from_truth
+from certnav.filters.errors import AlignmentError, ConfigError, DataError
+from certnav.nav.config import from_tables
+from certnav.nav.evaluation import evaluate
+from certnav.nav.gnss import gnss_timeline, sources
+from certnav.nav.pipeline import navigate
 
 
 def carried_drive(seed=0, sigma_pos=0.5, sigma_vel=0.05, noise=True, duration=200.0, **config):

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from nav import placing
-from nav.placing import SEAL, broken_seals, clean, current, exchange, new_draft, place, seal
+from certnav.nav import placing
+from certnav.nav.placing import SEAL, broken_seals, clean, current, exchange, new_draft, place, seal
 
 
 def filled(out, text):

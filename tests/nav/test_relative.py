@@ -8,18 +8,18 @@ import shutil
 import numpy as np
 import pytest
 
-from datasets.great import read_great
-from datasets.great_files import base_stations
-from datasets.great_writer import simulate_folder
-from datasets.rtklib import relative_positions
-from datasets.simulator import SimulationConfig
-from filters.earth import C_en_of
-from filters.errors import ConfigError, DataError
-from nav.cli import main
-from nav.config import from_tables, load_config, to_toml
-from nav.evaluation import evaluate
-from nav.gnss import gnss_timeline
-from nav.pipeline import navigate
+from certnav.datasets.great import read_great
+from certnav.datasets.great_files import base_stations
+from certnav.datasets.great_writer import simulate_folder
+from certnav.datasets.rtklib import relative_positions
+from certnav.datasets.simulator import SimulationConfig
+from certnav.filters.earth import C_en_of
+from certnav.filters.errors import ConfigError, DataError
+from certnav.nav.cli import main
+from certnav.nav.config import from_tables, load_config, to_toml
+from certnav.nav.evaluation import evaluate
+from certnav.nav.gnss import gnss_timeline
+from certnav.nav.pipeline import navigate
 
 CONFIG = SimulationConfig(duration=150.0, seed=3, density="open", base_distance_m=3000.0)
 

@@ -12,12 +12,12 @@ import matplotlib
 import numpy as np
 import pytest
 
-import nav.report
-from nav import figures
-from nav.evaluation import evaluate
-from nav.report import write_report
-from nav.results import read_result, write_result
-from nav.verdict import gate_activity, verdict
+from certnav.nav import figures
+from certnav.nav import report as report_module
+from certnav.nav.evaluation import evaluate
+from certnav.nav.report import write_report
+from certnav.nav.results import read_result, write_result
+from certnav.nav.verdict import gate_activity, verdict
 
 CONFIG = '[gate]\nnote = "<script>alert(1)</script>"\n'
 VOID = {"meta", "img", "br"}
@@ -79,7 +79,7 @@ def result(drive, tmp_path, monkeypatch):
     def make(change=lambda solution: solution, **knobs):
         solution, sequence = drive(**knobs)
         solution = change(solution)
-        monkeypatch.setattr(nav.report, "write_report", lambda directory: directory)
+        monkeypatch.setattr(report_module, "write_report", lambda directory: directory)
         out = write_result(
             tmp_path / "run", solution, evaluate(solution, sequence), sequence, CONFIG
         )

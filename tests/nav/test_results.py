@@ -8,13 +8,13 @@ import json
 import numpy as np
 import pytest
 
-import nav.report
-from filters.errors import ConfigError, DataError
-from nav.evaluation import evaluate
-from nav.figures import gnss_state, satellites
-from nav.results import is_result, read_result, write_result
-from nav.solution import Epochs, Update
-from nav.summary import count_updates, strict
+from certnav.filters.errors import ConfigError, DataError
+from certnav.nav import report as report_module
+from certnav.nav.evaluation import evaluate
+from certnav.nav.figures import gnss_state, satellites
+from certnav.nav.results import is_result, read_result, write_result
+from certnav.nav.solution import Epochs, Update
+from certnav.nav.summary import count_updates, strict
 
 CONFIG = 'name = "made-up"\n[gate]\nposition = 16.27\n'
 
@@ -22,7 +22,7 @@ CONFIG = 'name = "made-up"\n[gate]\nposition = 16.27\n'
 @pytest.fixture
 def quick(monkeypatch):
     """Leave the report out, which other tests look at."""
-    monkeypatch.setattr(nav.report, "write_report", lambda directory: directory)
+    monkeypatch.setattr(report_module, "write_report", lambda directory: directory)
 
 
 def test_what_a_certified_start_knows_comes_back(drive, tmp_path, quick):
@@ -181,7 +181,7 @@ def test_a_failure_leaves_the_earlier_result_and_no_debris(written, monkeypatch)
         assert (directory / "summary.json").exists()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(nav.report, "write_report", fail)
+    monkeypatch.setattr(report_module, "write_report", fail)
     with pytest.raises(KeyboardInterrupt):
         write_result(out, *rest, "name = 'half'\n")
     assert read_result(out).config_text == CONFIG

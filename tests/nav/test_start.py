@@ -7,17 +7,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from alignment.refinement import rotation_angle
-from datasets.simulator import SimulationConfig, simulate
-from datasets.trajectory import fixes_from_truth
-from filters.error_model import ErrorModel
-from filters.errors import AlignmentError
-from filters.rotation import matrix_from_rotvec
-from filters.strapdown import InertialStream
-from nav.config import AlignmentConfig, Config, from_tables
-from nav.gnss import gnss_timeline
-from nav.pipeline import navigate
-from nav.start import StartFinder, find_start, start_filter
+from certnav.alignment.refinement import rotation_angle
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.trajectory import fixes_from_truth
+from certnav.filters.error_model import ErrorModel
+from certnav.filters.errors import AlignmentError
+from certnav.filters.rotation import matrix_from_rotvec
+from certnav.filters.strapdown import InertialStream
+from certnav.nav.config import AlignmentConfig, Config, from_tables
+from certnav.nav.gnss import gnss_timeline
+from certnav.nav.pipeline import navigate
+from certnav.nav.start import StartFinder, find_start, start_filter
 
 
 def carried(simulation):

@@ -7,8 +7,8 @@ import warnings
 import numpy as np
 import pytest
 
-from filters.errors import ConfigError
-from nav.sweep import in_order, in_parallel
+from certnav.filters.errors import ConfigError
+from certnav.nav.sweep import in_order, in_parallel
 
 CALLS = [(3,), (1,), (2,), (0,)]
 POWERS = functools.partial(pow, 2)

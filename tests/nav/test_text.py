@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nav._text import plain, row_blocks
+from certnav.nav._text import plain, row_blocks
 
 
 def text(template, table):

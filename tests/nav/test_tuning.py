@@ -9,24 +9,24 @@ import warnings
 import numpy as np
 import pytest
 
-from datasets.simulator import SimulationConfig, simulate
-from datasets.trajectory import fixes_from_truth
-from filters.earth import OMEGA_IE_E
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ATT, VEL, ErrorModel
-from filters.errors import ConfigError, DataError
-from filters.measurements import antenna_velocity
-from filters.rotation import matrix_from_rotvec
-from filters.strapdown import InertialStream, NavState
-from nav import tuning_command
-from nav.config import Config, load_config
-from nav.ddia_update import filter_motion, measurement
-from nav.tuning import Tuning, tune
-from nav.tuning_position import Spells, spell_drifts
-from nav.tuning_report import as_dict, write_tuning
-from nav.tuning_score import Score, choose, pareto_front
-from velocity.ddia import ddia_velocity
-from velocity.range_rate import doppler_rows
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.trajectory import fixes_from_truth
+from certnav.filters.earth import OMEGA_IE_E
+from certnav.filters.ekf import ErrorStateFilter
+from certnav.filters.error_model import ATT, VEL, ErrorModel
+from certnav.filters.errors import ConfigError, DataError
+from certnav.filters.measurements import antenna_velocity
+from certnav.filters.rotation import matrix_from_rotvec
+from certnav.filters.strapdown import InertialStream, NavState
+from certnav.nav import tuning_command
+from certnav.nav.config import Config, load_config
+from certnav.nav.ddia_update import filter_motion, measurement
+from certnav.nav.tuning import Tuning, tune
+from certnav.nav.tuning_position import Spells, spell_drifts
+from certnav.nav.tuning_report import as_dict, write_tuning
+from certnav.nav.tuning_score import Score, choose, pareto_front
+from certnav.velocity.ddia import ddia_velocity
+from certnav.velocity.range_rate import doppler_rows
 
 SNR, K = np.arange(30.0, 51.0, 2.0), np.array([0.05, 0.1, 0.2, 0.3, 0.5, 0.8])
 

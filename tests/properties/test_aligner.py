@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from alignment.certificate import AlignmentStatus
-from alignment.fast_solver import fast_minimum
-from alignment.problem import ClockModel, build_problem
-from alignment.simulation import simulate_window
-from velocity.least_squares import doppler_velocity
-from velocity.range_rate import DopplerRows
+from certnav.alignment.certificate import AlignmentStatus
+from certnav.alignment.fast_solver import fast_minimum
+from certnav.alignment.problem import ClockModel, build_problem
+from certnav.alignment.simulation import simulate_window
+from certnav.velocity.least_squares import doppler_velocity
+from certnav.velocity.range_rate import DopplerRows
 
 SIGMA = 0.05
 seeds = st.integers(0, 2**32 - 1)

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from filters import constraints, earth, measurements
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ErrorModel
-from filters.measurements import Measurement
-from filters.rotation import matrix_from_rotvec, matrix_from_rpy
-from filters.sensors import imu_preset
-from filters.strapdown import InertialStream, NavState
+from certnav.filters import constraints, earth, measurements
+from certnav.filters.ekf import ErrorStateFilter
+from certnav.filters.error_model import ErrorModel
+from certnav.filters.measurements import Measurement
+from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy
+from certnav.filters.sensors import imu_preset
+from certnav.filters.strapdown import InertialStream, NavState
 
 LEVER = np.array([-0.65, -0.05, -0.15])
 RATE = 50.0

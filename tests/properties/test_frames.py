@@ -10,13 +10,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from datasets import gpstime
-from datasets.axes import axes_matrix
-from datasets.great_writer import _dms
-from datasets.inertial_explorer import dms_to_radians
-from filters import earth
-from filters.errors import ConfigError
-from filters.rotation import (
+from certnav.datasets import gpstime
+from certnav.datasets.axes import axes_matrix
+from certnav.datasets.great_writer import _dms
+from certnav.datasets.inertial_explorer import dms_to_radians
+from certnav.filters import earth
+from certnav.filters.errors import ConfigError
+from certnav.filters.rotation import (
     matrix_from_rotvec,
     matrix_from_rpy,
     orthonormalise,

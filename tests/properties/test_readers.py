@@ -10,20 +10,20 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from datasets.axes import axes_matrix
-from datasets.columns import open_text, read_columns
-from datasets.declaration import ACCEL_UNITS, GYRO_UNITS
-from datasets.great_writer import write_imu, write_reference
-from datasets.imu_text import read_imu_table, read_imu_text
-from datasets.inertial_explorer import read_reference_table
-from datasets.kfgins import read_nav
-from datasets.own_data import read_declared
-from datasets.rtklib_pos import read_pos
-from datasets.sequence import ImuData, Reference
-from datasets.text_tables import read_table
-from filters.earth import C_en_at, C_en_of, ecef_to_lla, lla_to_ecef
-from filters.rotation import matrix_from_rpy, rpy_from_matrix
-from nav.config import (
+from certnav.datasets.axes import axes_matrix
+from certnav.datasets.columns import open_text, read_columns
+from certnav.datasets.declaration import ACCEL_UNITS, GYRO_UNITS
+from certnav.datasets.great_writer import write_imu, write_reference
+from certnav.datasets.imu_text import read_imu_table, read_imu_text
+from certnav.datasets.inertial_explorer import read_reference_table
+from certnav.datasets.kfgins import read_nav
+from certnav.datasets.own_data import read_declared
+from certnav.datasets.rtklib_pos import read_pos
+from certnav.datasets.sequence import ImuData, Reference
+from certnav.datasets.text_tables import read_table
+from certnav.filters.earth import C_en_at, C_en_of, ecef_to_lla, lla_to_ecef
+from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix
+from certnav.nav.config import (
     AlignmentConfig,
     Config,
     FilterConfig,
@@ -32,9 +32,9 @@ from nav.config import (
     load_config,
     to_toml,
 )
-from nav.formats import write_nav, write_pos, write_tum
-from nav.solution import Epochs, Trajectory
-from nav.tables import read_solution, write_solution
+from certnav.nav.formats import write_nav, write_pos, write_tum
+from certnav.nav.solution import Epochs, Trajectory
+from certnav.nav.tables import read_solution, write_solution
 
 seeds = st.integers(0, 2**32 - 1)
 WEEK = 2129

@@ -6,13 +6,13 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from filters import _kernels, earth, measurements
-from filters.ekf import ErrorStateFilter
-from filters.error_model import ErrorModel
-from filters.rotation import matrix_from_rpy
-from filters.sensors import imu_preset
-from filters.smoother import smooth
-from filters.strapdown import InertialStream, NavState
+from certnav.filters import _kernels, earth, measurements
+from certnav.filters.ekf import ErrorStateFilter
+from certnav.filters.error_model import ErrorModel
+from certnav.filters.rotation import matrix_from_rpy
+from certnav.filters.sensors import imu_preset
+from certnav.filters.smoother import smooth
+from certnav.filters.strapdown import InertialStream, NavState
 
 LEVER = np.array([-0.65, -0.05, -0.15])
 SECONDS, HZ = 5.0, 100

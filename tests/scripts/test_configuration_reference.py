@@ -4,8 +4,8 @@ import dataclasses
 
 import pytest
 
-from filters.errors import ConfigError
-from nav.config import Config
+from certnav.filters.errors import ConfigError
+from certnav.nav.config import Config
 
 
 def test_the_page_is_that_of_the_code(script):

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from datasets.simulator import SimulationConfig, simulate
-from filters.earth import C_en_of
-from filters.rotation import matrix_from_rotvec, matrix_from_rpy
-from nav.solution import Trajectory, Update
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.filters.earth import C_en_of
+from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy
+from certnav.nav.solution import Trajectory, Update
 
 
 @pytest.fixture

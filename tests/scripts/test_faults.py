@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from filters.earth import C_en_of
+from certnav.filters.earth import C_en_of
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from velocity.aided_screening import agreeing
+from certnav.velocity.aided_screening import agreeing
 
 SIGNIFICANCE = 1e-3
 

@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.sequence import GnssObservations
-from filters.earth import C_en_of, lla_to_ecef
-from filters.errors import ConfigError
-from filters.rotation import matrix_from_rotvec, matrix_from_rpy
-from velocity.ddia import (
+from certnav.datasets.sequence import GnssObservations
+from certnav.filters.earth import C_en_of, lla_to_ecef
+from certnav.filters.errors import ConfigError
+from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy
+from certnav.velocity.ddia import (
     ddia_pair,
     ddia_velocities,
     ddia_velocity,
     drift_free,
     ndia_velocity,
 )
-from velocity.forward_motion import forward_motion
-from velocity.range_rate import DopplerNoise, doppler_rows, predicted_range_rate
+from certnav.velocity.forward_motion import forward_motion
+from certnav.velocity.range_rate import DopplerNoise, doppler_rows, predicted_range_rate
 
 ANTENNA = lla_to_ecef(np.radians(30.53), np.radians(114.36), 35.0)
 C_EN = C_en_of(ANTENNA)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.simulator import SimulationConfig, simulate
-from filters.errors import ConfigError, DataError
-from velocity.doppler_noise import (
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.filters.errors import ConfigError, DataError
+from certnav.velocity.doppler_noise import (
     correlated_epochs,
     fit_doppler_noise,
     own_residuals,
     reference_residuals,
 )
-from velocity.range_rate import DopplerNoise
-from velocity.samples import reference_samples
+from certnav.velocity.range_rate import DopplerNoise
+from certnav.velocity.samples import reference_samples
 
 TRUE = DopplerNoise(0.08, 0.03, decade_db=16.0)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from velocity.least_squares import REJECTED, doppler_velocity, mark_rejected, solve
-from velocity.range_rate import DopplerRows
+from certnav.velocity.least_squares import REJECTED, doppler_velocity, mark_rejected, solve
+from certnav.velocity.range_rate import DopplerRows
 
 VEL_E, DRIFT = np.array([-4.0, 12.5, 3.0]), -87.0
 

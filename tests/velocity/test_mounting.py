@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.simulator import SimulationConfig, simulate
-from filters.errors import DataError
-from filters.rotation import matrix_from_rpy
-from velocity.mounting import calibrate_mounting, sequence_mounting
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.filters.errors import DataError
+from certnav.filters.rotation import matrix_from_rpy
+from certnav.velocity.mounting import calibrate_mounting, sequence_mounting
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,12 @@ import time
 import numpy as np
 import pytest
 
-from velocity.ddia import ddia_pair, ddia_velocity
-from velocity.forward_motion import ForwardMotion
-from velocity.pairs import all_pairs, epoch_speeds, pair_indices, projected, velocity_errors
-from velocity.range_rate import DopplerRows
-from velocity.screening import Screening, reason_counts, screen, usable_pairs
-from velocity.statistics import binned_rms, heat_map, rejection
+from certnav.velocity.ddia import ddia_pair, ddia_velocity
+from certnav.velocity.forward_motion import ForwardMotion
+from certnav.velocity.pairs import all_pairs, epoch_speeds, pair_indices, projected, velocity_errors
+from certnav.velocity.range_rate import DopplerRows
+from certnav.velocity.screening import Screening, reason_counts, screen, usable_pairs
+from certnav.velocity.statistics import binned_rms, heat_map, rejection
 
 
 def unit(rng, n):

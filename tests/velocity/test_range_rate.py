@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.sequence import GnssObservations
-from filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of, lla_to_ecef
-from filters.errors import ConfigError
-from velocity.least_squares import doppler_velocities
-from velocity.range_rate import (
+from certnav.datasets.sequence import GnssObservations
+from certnav.filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of, lla_to_ecef
+from certnav.filters.errors import ConfigError
+from certnav.velocity.least_squares import doppler_velocities
+from certnav.velocity.range_rate import (
     DopplerNoise,
     doppler_rows,
     elevation_azimuth,

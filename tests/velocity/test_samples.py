@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from datasets.load import load
-from datasets.simulator import SimulationConfig, simulate
-from filters.errors import ConfigError, DataError
-from velocity.attitude_effect import drift_effect
-from velocity.doppler_noise import fit_doppler_noise, reference_residuals
-from velocity.few_satellites import few_satellites
-from velocity.pair_table import concatenated, describe, pair_table
-from velocity.samples import reference_samples
+from certnav.datasets.load import load
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.filters.errors import ConfigError, DataError
+from certnav.velocity.attitude_effect import drift_effect
+from certnav.velocity.doppler_noise import fit_doppler_noise, reference_residuals
+from certnav.velocity.few_satellites import few_satellites
+from certnav.velocity.pair_table import concatenated, describe, pair_table
+from certnav.velocity.samples import reference_samples
 
 
 @pytest.fixture(scope="module")

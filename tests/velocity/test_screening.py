@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from filters.errors import ConfigError
-from velocity.pairs import Pairs
-from velocity.screening import (
+from certnav.filters.errors import ConfigError
+from certnav.velocity.pairs import Pairs
+from certnav.velocity.screening import (
     REASONS,
     Screening,
     epoch_reasons,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import pearsonr, spearmanr
 
-from velocity.statistics import (
+from certnav.velocity.statistics import (
     attitude_effect,
     binned_rms,
     heat_map,

@@ -1,0 +1,1 @@
+"""Loosely coupled GNSS/INS navigation of road vehicles, started in motion with a certificate."""
