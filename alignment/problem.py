@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..filters.errors import AlignmentError, ConfigError, DataError
 from ..filters.rotation import FloatArray
-from .constraints import lift
+from .solver.constraints import lift
 
 #: Clock models, from the stiffest to the loosest.
 CLOCK_MODELS = ("constant", "linear", "random-walk", "per-epoch")

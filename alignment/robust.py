@@ -4,8 +4,8 @@ Truncated least squares, Σ min(rᵢ², c²), has many local minima. Three thing
 practice: a gate that no rotation enters (the clock must lie within |v| of −z), graduated
 non-convexity (Yang et al. 2020) with its two losses, truncated and Geman–McClure, each step solved
 to the *global* optimum, and the best of what these find. What is left to chance is then asked of
-`alignment.consensus_proof`: whether another rotation could have as many rows on its side. Where
-that cannot be excluded the result does not pass, whatever its own rows say about it.
+`alignment.proofs.consensus_proof`: whether another rotation could have as many rows on its side.
+Where that cannot be excluded the result does not pass, whatever its own rows say about it.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..filters.errors import AlignmentError, ConfigError, DataError
 from ..filters.rotation import FloatArray
-from .consensus_proof import ConsensusProof, consensus, prove_consensus, row_weights
-from .constraints import lift
-from .fast_solver import fast_minimum
 from .priors import Prior, with_priors
 from .problem import AlignmentRows, ClockModel, build_problem, design_matrix
+from .proofs.consensus_proof import ConsensusProof, consensus, prove_consensus, row_weights
+from .solver.constraints import lift
+from .solver.fast_solver import fast_minimum
 from .verdict import AlignmentResult, Verdict, VerdictLimits, align
 
 Mask = NDArray[np.bool_]

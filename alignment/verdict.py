@@ -20,12 +20,12 @@ from scipy.stats import chi2
 
 from ..filters.errors import AlignmentError, ConfigError
 from ..filters.rotation import FloatArray
-from .attitude_bound import attitude_bound, region_threshold
-from .certificate import AlignmentStatus
-from .fast_solver import FastMinimum, LocalMinima, fast_minimum, local_minima
 from .observability import Geometry, Observability, observability
 from .problem import AlignmentProblem
-from .refinement import rotation_angle
+from .proofs.certificate import AlignmentStatus
+from .solver.attitude_bound import attitude_bound, region_threshold
+from .solver.fast_solver import FastMinimum, LocalMinima, fast_minimum, local_minima
+from .solver.refinement import rotation_angle
 
 
 @dataclass(frozen=True)

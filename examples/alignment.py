@@ -9,8 +9,8 @@
 import numpy as np
 
 from certnav.alignment.problem import ClockModel, build_problem
-from certnav.alignment.refinement import rotation_angle
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.reference.simulation import simulate_window
+from certnav.alignment.solver.refinement import rotation_angle
 from certnav.alignment.verdict import align
 
 rng = np.random.default_rng(7)

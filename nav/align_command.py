@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..alignment.exact import exact_proof
-from ..alignment.proof import write
+from ..alignment.proofs.exact import exact_proof
+from ..alignment.proofs.proof import write
 from ..alignment.verdict import Verdict
 from ..datasets.load import load
 from ..filters.errors import AlignmentError, ConfigError

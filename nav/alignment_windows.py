@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..alignment.baselines import gauss_newton, voba
-from ..alignment.certifiable import align_sdp, attitude_covariance
 from ..alignment.local_velocity import LocalTrack, inertial_track, planar_track
 from ..alignment.priors import Prior, up_prior, with_priors
 from ..alignment.problem import AlignmentRows, ClockModel, build_problem
+from ..alignment.reference.baselines import gauss_newton, voba
+from ..alignment.reference.certifiable import align_sdp, attitude_covariance
 from ..alignment.robust import align_robust
 from ..alignment.verdict import AlignmentResult, Verdict, align
 from ..datasets.sequence import GnssObservations, Sequence

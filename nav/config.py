@@ -37,12 +37,12 @@ class AlignmentConfig:
     Parameters
     ----------
     method : {'auto', 'certified', 'level+course', 'given'}
-        'auto': 'given' when roll, pitch and heading are; levelling and course where the data
-        begin with a standstill or have no raw Doppler; else 'certified' if a window passes
-        within ``2 * max_window_s`` of the first Doppler, and 'level+course' if none does.
-        'certified': from IMU and Doppler alone, in motion, with a bound that is proved
-        (`alignment.in_motion`). 'level+course': levelling, at rest if there is a standstill and
-        in motion otherwise, and the course of the GNSS velocity as heading.
+        'auto': 'given' when roll, pitch and heading are; levelling and course where the data begin
+        with a standstill or have no raw Doppler; else 'certified' if a window passes within ``2 *
+        max_window_s`` of the first Doppler, and 'level+course' if none does. 'certified': from IMU
+        and Doppler alone, in motion, with a bound that is proved (`alignment.in_motion.waiting`).
+        'level+course': levelling, at rest if there is a standstill and in motion otherwise, and the
+        course of the GNSS velocity as heading.
     min_speed_mps : float
         Speed from which the course is taken as heading.
     roll_deg, pitch_deg, heading_deg : float, optional

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..alignment.inertial_rows import DopplerEpoch
+from ..alignment.in_motion.rows import DopplerEpoch
 from ..datasets.sequence import GnssFixes, GnssObservations, Sequence
 from ..filters.earth import SPEED_OF_LIGHT
 from ..filters.errors import ConfigError

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..alignment.initial import (
+from ..alignment.levelling import (
     LEVEL_WINDOW,
     REST_SPEED,
     InitialAttitude,
@@ -45,8 +45,8 @@ from .gnss import GnssEvent
 from .solution import AlignmentReport
 
 if TYPE_CHECKING:
-    from ..alignment.in_motion import MotionAligner
-    from ..alignment.inertial import InertialAlignment
+    from ..alignment.in_motion.align import InertialAlignment
+    from ..alignment.in_motion.waiting import MotionAligner
 
 #: A velocity can start the filter if a position lies this close to it [s].
 _POSITION_NEAR = 2.5
@@ -323,8 +323,8 @@ class StartFinder:
         return np.inf if first is None else first + _WINDOWS * self.config.max_window_s
 
     def _new_aligner(self) -> MotionAligner:
-        from ..alignment.in_motion import MotionAligner, MotionOptions
-        from ..alignment.inertial_unknowns import InertialOptions
+        from ..alignment.in_motion.unknowns import InertialOptions
+        from ..alignment.in_motion.waiting import MotionAligner, MotionOptions
         from ..alignment.problem import ClockModel
 
         clock = ClockModel("random-walk", self.config.sigma_clock_walk_mps)

@@ -21,10 +21,10 @@ from ..datasets.sequence import Sequence
 from ..filters.errors import ConfigError, DataError
 from ..filters.rotation import FloatArray
 from ..velocity.doppler_noise import NoiseFit, fit_doppler_noise, reference_residuals
-from ..velocity.pair_table import PairTable, concatenated, describe, pair_table
-from ..velocity.samples import reference_samples
 from ..velocity.screening import Screening
-from ..velocity.statistics import heat_map
+from ..velocity.study.pair_table import PairTable, concatenated, describe, pair_table
+from ..velocity.study.samples import reference_samples
+from ..velocity.study.statistics import heat_map
 from .config import Config
 from .sweep import in_parallel
 from .tuning_score import (
@@ -67,7 +67,7 @@ class Tuning:
     min_kept : float
         Retention asked for.
     statistics : dict
-        Of 'pooled' and every sequence; see `velocity.pair_table.describe`.
+        Of 'pooled' and every sequence; see `velocity.study.pair_table.describe`.
     noise : dict of str to NoiseFit
         Doppler noise of every sequence's receiver.
     notes : tuple of str
@@ -161,7 +161,7 @@ def tune(
         Share of the pairs that has to be retained in every drive; 'position' does without, since
         epochs without a velocity already drift.
     direction : {'motion', 'attitude'}
-        Direction of motion for 'velocity', see `velocity.samples`.
+        Direction of motion for 'velocity', see `velocity.study.samples`.
     systems : str
         Constellation letters for 'velocity'.
     blocks : int

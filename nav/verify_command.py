@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..alignment.proof import check, read
+from ..alignment.proofs.proof import check, read
 
 
 def verify(arguments: argparse.Namespace) -> int:

@@ -16,14 +16,14 @@ import time
 
 import numpy as np
 
-from certnav.alignment.certifiable import certified_minimum
-from certnav.alignment.certificate import AlignmentStatus
-from certnav.alignment.fast_solver import fast_minimum
 from certnav.alignment.observability import Geometry, observability
 from certnav.alignment.problem import build_problem
-from certnav.alignment.quartic import Z
-from certnav.alignment.refinement import rotation_angle
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.proofs.certificate import AlignmentStatus
+from certnav.alignment.reference.certifiable import certified_minimum
+from certnav.alignment.reference.simulation import simulate_window
+from certnav.alignment.solver.fast_solver import fast_minimum
+from certnav.alignment.solver.quartic import Z
+from certnav.alignment.solver.refinement import rotation_angle
 from certnav.filters.errors import ConfigError
 
 CVXPY_RUNS = 20
@@ -75,7 +75,7 @@ def choi_lam() -> np.ndarray:
 
 def cvxpy_ms(matrices: list[np.ndarray]) -> float | None:
     """Median time of the modelling layer's SDP [ms]; None where it is not installed."""
-    from certnav.alignment.sdp_cvxpy import solve_dual_cvxpy
+    from certnav.alignment.reference.sdp_cvxpy import solve_dual_cvxpy
 
     try:
         _, times = timed(solve_dual_cvxpy, matrices[:CVXPY_RUNS], 1)

@@ -25,14 +25,14 @@ from pathlib import Path
 
 import numpy as np
 
-from certnav.alignment.baselines import gauss_newton, voba
-from certnav.alignment.certifiable import SdpAlignment, align_sdp
-from certnav.alignment.certificate import PAPER_RATIO, AlignmentStatus, eigenvalue_ratio
-from certnav.alignment.constraints import ALL
 from certnav.alignment.observability import Geometry
 from certnav.alignment.problem import AlignmentProblem, build_problem
-from certnav.alignment.refinement import rotation_angle
-from certnav.alignment.simulation import SimulatedWindow, simulate_window
+from certnav.alignment.proofs.certificate import PAPER_RATIO, AlignmentStatus, eigenvalue_ratio
+from certnav.alignment.reference.baselines import gauss_newton, voba
+from certnav.alignment.reference.certifiable import SdpAlignment, align_sdp
+from certnav.alignment.reference.simulation import SimulatedWindow, simulate_window
+from certnav.alignment.solver.constraints import ALL
+from certnav.alignment.solver.refinement import rotation_angle
 from certnav.filters.errors import AlignmentError, NavError
 from certnav.filters.rotation import FloatArray, matrix_from_rpy
 

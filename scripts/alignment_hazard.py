@@ -22,9 +22,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 from certnav.alignment.problem import AlignmentRows, ClockModel
-from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.reference.simulation import SimulatedWindow, simulate_window
 from certnav.alignment.robust import align_robust
-from certnav.alignment.simulation import SimulatedWindow, simulate_window
+from certnav.alignment.solver.refinement import rotation_angle
 from certnav.alignment.verdict import VerdictLimits
 from certnav.filters.errors import AlignmentError
 from certnav.nav.sweep import in_parallel

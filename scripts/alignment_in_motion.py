@@ -32,10 +32,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certnav.alignment.in_motion import Attempt, MotionOptions, attempts
-from certnav.alignment.inertial_unknowns import InertialOptions
+from certnav.alignment.in_motion.unknowns import InertialOptions
+from certnav.alignment.in_motion.waiting import Attempt, MotionOptions, attempts
 from certnav.alignment.problem import ClockModel
-from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.solver.refinement import rotation_angle
 from certnav.datasets.sequence import GnssObservations
 from certnav.datasets.simulator import Simulation, SimulationConfig, simulate
 from certnav.filters.earth import C_en_of

@@ -26,8 +26,8 @@ from pathlib import Path
 
 import numpy as np
 
-from certnav.alignment.in_motion import MotionOptions, attempts
-from certnav.alignment.inertial_unknowns import InertialOptions
+from certnav.alignment.in_motion.unknowns import InertialOptions
+from certnav.alignment.in_motion.waiting import MotionOptions, attempts
 from certnav.alignment.problem import ClockModel
 from certnav.datasets.load import load
 from certnav.datasets.sequence import Sequence

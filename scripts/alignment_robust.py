@@ -17,11 +17,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from certnav.alignment.fast_solver import fast_minimum
 from certnav.alignment.problem import AlignmentRows, build_problem
-from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.reference.simulation import simulate_window
 from certnav.alignment.robust import align_robust
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.solver.fast_solver import fast_minimum
+from certnav.alignment.solver.refinement import rotation_angle
 from certnav.filters.errors import AlignmentError
 
 CASES = (

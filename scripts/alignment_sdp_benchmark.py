@@ -17,11 +17,11 @@ import time
 
 import numpy as np
 
-from certnav.alignment.certifiable import align_sdp
 from certnav.alignment.problem import build_problem
-from certnav.alignment.sdp import solve_dual
-from certnav.alignment.sdp_cvxpy import solve_dual_cvxpy
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.reference.certifiable import align_sdp
+from certnav.alignment.reference.sdp import solve_dual
+from certnav.alignment.reference.sdp_cvxpy import solve_dual_cvxpy
+from certnav.alignment.reference.simulation import simulate_window
 from certnav.filters.errors import NavError
 
 

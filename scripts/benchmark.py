@@ -39,9 +39,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is importe
 
 import numpy as np
 
-from certnav.alignment.fast_solver import fast_minimum
 from certnav.alignment.problem import build_problem
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.reference.simulation import simulate_window
+from certnav.alignment.solver.fast_solver import fast_minimum
 from certnav.datasets.gpstime import from_week_sow, to_week_sow
 from certnav.datasets.kfgins import read_imu
 from certnav.datasets.sequence import GnssFixes, ImuData, Reference
@@ -56,8 +56,8 @@ from certnav.filters.sensors import imu_preset
 from certnav.filters.strapdown import InertialStream, NavState
 from certnav.nav.formats import format_rows
 from certnav.velocity.forward_motion import ForwardMotion
-from certnav.velocity.pairs import all_pairs
 from certnav.velocity.range_rate import DopplerRows
+from certnav.velocity.study.pairs import all_pairs
 
 RATE, WEEK, SOW = 200.0, 2284, 180000.0
 LEVER = np.array([-0.65, -0.05, -0.15])

@@ -21,7 +21,7 @@ from ..filters.errors import ConfigError, DataError
 from ..filters.rotation import FloatArray
 from .least_squares import doppler_velocities
 from .range_rate import DopplerNoise, doppler_rows
-from .samples import Samples
+from .study.samples import Samples
 
 #: MAD of a normal distribution times this is its σ.
 _MAD = 1.4826

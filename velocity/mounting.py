@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..datasets.sequence import Sequence
 from ..filters.errors import DataError
 from ..filters.rotation import FloatArray, matrix_from_rpy
-from .samples import interpolated, rate_eb_b, reference_attitude
+from .study.samples import interpolated, rate_eb_b, reference_attitude
 
 #: Seconds of straight driving averaged into one independent value: attitude errors of a
 #: reference and lane changes last for seconds.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..filters.errors import ConfigError
-from .pairs import Pairs
+from .study.pairs import Pairs
 
 #: Reasons by bit of a mark, in the order they are reported.
 REASONS = ("C/N0 unknown", "weak signal", "singular geometry", "low elevation", "pair residual")

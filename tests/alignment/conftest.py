@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from certnav.alignment.problem import build_problem
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.reference.simulation import simulate_window
 
 
 @pytest.fixture

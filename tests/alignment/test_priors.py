@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.alignment.constraints import lift
-from certnav.alignment.fast_solver import fast_minimum
 from certnav.alignment.observability import observability
 from certnav.alignment.priors import heading_prior, up_prior, with_priors
 from certnav.alignment.problem import build_problem
-from certnav.alignment.refinement import rotation_angle
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.reference.simulation import simulate_window
+from certnav.alignment.solver.constraints import lift
+from certnav.alignment.solver.fast_solver import fast_minimum
+from certnav.alignment.solver.refinement import rotation_angle
 from certnav.alignment.verdict import align
 from certnav.filters.errors import ConfigError, DataError
 from certnav.filters.rotation import matrix_from_rotvec

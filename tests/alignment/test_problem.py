@@ -7,7 +7,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from certnav.alignment.constraints import lift
 from certnav.alignment.problem import (
     AlignmentRows,
     ClockModel,
@@ -15,7 +14,8 @@ from certnav.alignment.problem import (
     design_matrix,
     project_out,
 )
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.reference.simulation import simulate_window
+from certnav.alignment.solver.constraints import lift
 from certnav.filters.errors import AlignmentError, ConfigError, DataError
 
 MODELS = [

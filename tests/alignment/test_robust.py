@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from certnav.alignment.priors import up_prior
 from certnav.alignment.problem import AlignmentRows, ClockModel, build_problem
-from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.reference.simulation import simulate_window
 from certnav.alignment.robust import RobustOptions, _clock_gates, align_robust, robust_residuals
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.solver.refinement import rotation_angle
 from certnav.alignment.verdict import align
 from certnav.filters.errors import AlignmentError, ConfigError
 

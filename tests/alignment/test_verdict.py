@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from certnav.alignment.problem import AlignmentProblem, ClockModel, build_problem
-from certnav.alignment.refinement import rotation_angle
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.reference.simulation import simulate_window
+from certnav.alignment.solver.refinement import rotation_angle
 from certnav.alignment.verdict import VerdictLimits, align
 from certnav.filters.errors import AlignmentError, ConfigError
 
@@ -86,7 +86,7 @@ def test_without_redundancy_nothing_is_consistent():
 
 def test_gap_is_reported_as_not_optimal():
     """A cost that is no sum of squares: Choi and Lam's quartic."""
-    from certnav.alignment.quartic import Z
+    from certnav.alignment.solver.quartic import Z
 
     G = np.diag([1.0, 0, 0, 0, 0, 0, 0, 0.5, 0.5, 0.5])
     for a, b in ((1, 9), (2, 8), (3, 7)):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from certnav.alignment.problem import ClockModel, build_problem
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.reference.simulation import simulate_window
 from certnav.alignment.window import SlidingWindow
 from certnav.filters.errors import AlignmentError, ConfigError, DataError
 

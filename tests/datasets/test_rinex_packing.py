@@ -79,7 +79,7 @@ def test_damaged_files(observations, tmp_path):
 def test_without_the_package_the_message_says_what_to_install():
     code = (
         "import sys; sys.modules['hatanaka'] = None\n"
-        "from datasets.rinex_packing import unpack\n"
+        "from certnav.datasets.rinex_packing import unpack\n"
         "from certnav.filters.errors import DataError\n"
         "try:\n    unpack(b' ' * 60 + b'CRINEX VERS   / TYPE', 'a.crx')\n"
         "except DataError as error:\n    print(error)\n"

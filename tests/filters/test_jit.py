@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 
@@ -12,8 +11,6 @@ from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import ErrorModel
 from certnav.filters.sensors import imu_preset
 from certnav.filters.strapdown import InertialStream, NavState
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def final() -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from certnav.alignment.problem import ClockModel
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.reference.simulation import simulate_window
 from certnav.datasets.load import load
 from certnav.datasets.sequence import Odometer
 from certnav.datasets.simulator import SimulationConfig, simulate

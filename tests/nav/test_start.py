@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from certnav.alignment.refinement import rotation_angle
+from certnav.alignment.solver.refinement import rotation_angle
 from certnav.datasets.simulator import SimulationConfig, simulate
 from certnav.datasets.trajectory import fixes_from_truth
 from certnav.filters.error_model import ErrorModel

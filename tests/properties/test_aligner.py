@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from certnav.alignment.certificate import AlignmentStatus
-from certnav.alignment.fast_solver import fast_minimum
 from certnav.alignment.problem import ClockModel, build_problem
-from certnav.alignment.simulation import simulate_window
+from certnav.alignment.proofs.certificate import AlignmentStatus
+from certnav.alignment.reference.simulation import simulate_window
+from certnav.alignment.solver.fast_solver import fast_minimum
 from certnav.velocity.least_squares import doppler_velocity
 from certnav.velocity.range_rate import DopplerRows
 

@@ -14,7 +14,7 @@ from certnav.velocity.doppler_noise import (
     reference_residuals,
 )
 from certnav.velocity.range_rate import DopplerNoise
-from certnav.velocity.samples import reference_samples
+from certnav.velocity.study.samples import reference_samples
 
 TRUE = DopplerNoise(0.08, 0.03, decade_db=16.0)
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from certnav.filters.errors import ConfigError
-from certnav.velocity.pairs import Pairs
 from certnav.velocity.screening import (
     REASONS,
     Screening,
@@ -17,6 +16,7 @@ from certnav.velocity.screening import (
     usable_pairs,
     usable_rows,
 )
+from certnav.velocity.study.pairs import Pairs
 
 
 def pairs(**columns):

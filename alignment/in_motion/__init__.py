@@ -1,0 +1,1 @@
+"""Attitude from IMU and Doppler alone, while moving: rows, unknowns, one window, the wait."""

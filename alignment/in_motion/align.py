@@ -1,0 +1,407 @@
+"""Alignment from IMU and Doppler alone: attitude, velocity and biases, with verdicts.
+
+The rows of `alignment.in_motion.rows` hold exactly for a perfect IMU. A MEMS gyro that is 500 deg/h
+off at switch-on tilts gravity by 4° in thirty seconds, 10 m/s of Δv: a hundred times what Doppler
+resolves. The errors are therefore unknowns of the problem (`alignment.in_motion.unknowns`), which
+is linearised at their estimates until nothing moves. The proof is then one for the problem
+linearised at its own solution; where all else passes, each rival minimum is followed to *its* own
+linearisation and must still be worse there.
+
+Rows that do not fit are rejected one by one. What they say of the tails of the noise widens the
+σ of those kept, so that covariance and bound do not profit from the selection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...datasets.sequence import GnssObservations
+from ...filters.earth import C_en_of
+from ...filters.errors import AlignmentError
+from ...filters.rotation import FloatArray
+from ...filters.sensors import ImuSpec
+from ...filters.strapdown import InertialStream
+from ..levelling import InitialAttitude
+from ..solver.attitude_bound import region_threshold
+from ..solver.refinement import rotation_angle
+from ..verdict import AlignmentResult, Verdict, align
+from .rows import InertialDoppler, InertialTrack, inertial_doppler, inertial_rows, inertial_track
+from .unknowns import InertialOptions, Mask, Solved, Window, settle
+
+
+@dataclass(frozen=True, eq=False)
+class InertialAlignment:
+    """Attitude and velocity at the window's end from IMU and Doppler, with verdicts.
+
+    Attributes
+    ----------
+    result : AlignmentResult
+        `C_ew` is C_eb at `time`. Where rows were rejected, 'consensus' is among its verdicts, and
+        where the others passed, 'rivals'.
+    start, time : float
+        Begin and end of the window, GPS time [s].
+    epochs : int
+    vel_e : ndarray, shape (3,)
+        Of the IMU at `time` [m/s]; 0.1 mm/s per metre of lever arm come of the Earth's turning.
+    gyro_bias, accel_bias : ndarray, shape (3,)
+        [rad/s], [m/s²].
+    cov : ndarray, shape (12, 12)
+        Of attitude (a small rotation in e axes), velocity, gyro bias and accelerometer bias.
+    pos_e : ndarray, shape (3,)
+        The antenna, as it was given [m].
+    inliers : ndarray of bool, shape (k,)
+        Of the rows.
+    source : ndarray of int, shape (k,)
+        Observation each row came from.
+    outlier_sats : tuple of str
+        Satellites with rejected rows.
+    rounds : int
+        Linearisations it took.
+    track : InertialTrack
+        Integrals of the IMU at the epochs, biases taken off, anchored at the last.
+    imu : ImuSpec
+    """
+
+    result: AlignmentResult
+    start: float
+    time: float
+    epochs: int
+    vel_e: FloatArray
+    gyro_bias: FloatArray
+    accel_bias: FloatArray
+    cov: FloatArray
+    pos_e: FloatArray
+    inliers: Mask
+    source: NDArray[np.int64]
+    outlier_sats: tuple[str, ...]
+    rounds: int
+    track: InertialTrack
+    imu: ImuSpec
+
+    @property
+    def passed(self) -> bool:
+        """The overall verdict."""
+        return self.result.passed
+
+    @property
+    def C_eb(self) -> FloatArray:
+        """Attitude at `time`."""
+        return self.result.C_ew
+
+    @property
+    def cov_e(self) -> FloatArray:
+        """Covariance of the attitude, a small rotation in e axes [rad²]."""
+        return self.cov[:3, :3]
+
+    @property
+    def sigma_heading(self) -> float:
+        """1σ of the rotation about the vertical [rad]."""
+        down_e = C_en_of(self.pos_e)[:, 2]
+        return float(np.sqrt(down_e @ self.cov_e @ down_e))
+
+    @property
+    def message(self) -> str:
+        """One line for the log."""
+        return self.result.message
+
+    def initial_attitude(self) -> InitialAttitude:
+        """Return what starts the filter.
+
+        Raises
+        ------
+        AlignmentError
+            If the verdict did not pass.
+        """
+        self.result.require()
+        sigma_bias = float(np.sqrt(np.linalg.eigvalsh(self.cov[6:9, 6:9])[-1]))
+        rejected = int(np.sum(~self.inliers))
+        aside = f", {rejected} rows rejected ({', '.join(self.outlier_sats)})" if rejected else ""
+        return InitialAttitude(
+            self.time, self.C_eb, self.cov_e, self.sigma_heading, self.gyro_bias, sigma_bias,
+            "certified",
+            f"certified in motion over {self.time - self.start:.0f} s and {self.epochs} epochs: "
+            f"heading ±{np.degrees(self.sigma_heading):.2g}° 1σ, "
+            f"{self.result.bounded.message}{aside}",
+        )  # fmt: skip
+
+    def carried_to(self, k: int, weight: float = 1.0) -> tuple[FloatArray, FloatArray]:
+        """Carry attitude and biases to epoch k of the window by the gyros.
+
+        Whoever filters the window's Doppler from there on uses it twice. With a `weight` of 1/9
+        it has told a ninth of what it knows before: 1σ is then what 3σ was.
+
+        Parameters
+        ----------
+        k : int
+        weight : float
+            Of the information that the window adds to what was known of the sensor.
+
+        Returns
+        -------
+        C_eb : ndarray, shape (3, 3)
+        cov : ndarray, shape (9, 9)
+            Of attitude (a small rotation in e axes), gyro bias and accelerometer bias.
+        """
+        C_eb, track, spec = self.track.attitude(self.C_eb, k), self.track, self.imu
+        to_k = C_eb @ track.C_wb[k].T @ self.C_eb.T
+        # A change δ of the gyro bias turns C_wb by −Aδ.
+        J = np.eye(9)
+        J[:3, :3] = to_k
+        J[:3, 3:6] = -to_k @ self.C_eb @ track.A[k, :, :3]
+        chosen = np.r_[0:3, 6:12]
+        cov = J @ self.cov[np.ix_(chosen, chosen)] @ J.T
+        gyro = np.hypot(spec.gyro_bias_initial_sigma, spec.gyro_bias_sigma)
+        accel = np.hypot(spec.accel_bias_initial_sigma, spec.accel_bias_sigma)
+        before = np.diag(np.r_[np.zeros(3), np.full(3, gyro), np.full(3, accel)] ** 2)
+        before[3:, 3:] = np.linalg.inv(before[3:, 3:])
+        cov = np.asarray(
+            np.linalg.inv(weight * np.linalg.inv(cov) + (1.0 - weight) * before), float
+        )
+        angle = float(rotation_angle(np.eye(3), track.C_wb[k]))
+        elapsed = abs(track.time[k] - self.time)
+        scale = 1e-6 * spec.gyro_scale_ppm * angle
+        cov[:3, :3] += np.eye(3) * (spec.gyro_noise_density**2 * elapsed + scale**2)
+        return C_eb, cov
+
+
+def align_inertial(
+    stream: InertialStream,
+    observations: GnssObservations,
+    pos_e: ArrayLike,
+    lever_b: ArrayLike = (0.0, 0.0, 0.0),
+    options: InertialOptions | None = None,
+    *,
+    time: ArrayLike | None = None,
+) -> InertialAlignment:
+    """Find attitude, velocity and biases at the end of the observations.
+
+    Parameters
+    ----------
+    stream : InertialStream
+    observations : GnssObservations
+        The window's; screened, with satellite states.
+    pos_e : array_like, shape (3,) or (n, 3)
+        Antenna, approximately, one for all or one per row [m].
+    lever_b : array_like, shape (3,)
+        IMU to antenna [m].
+    options : InertialOptions, optional
+    time : array_like, shape (n,), optional
+        GPS time of each row where the receiver's clock is known to be off [s].
+
+    Raises
+    ------
+    AlignmentError
+        If there is no Doppler within the IMU data, or too little to solve for anything.
+    """
+    options = options or InertialOptions()
+    when = observations.time if time is None else np.asarray(time, dtype=float)
+    inside = (when >= stream.start) & (when <= stream.end)
+    pos_e = np.asarray(pos_e, dtype=float)
+    doppler = inertial_doppler(
+        observations.take(inside), pos_e[inside] if pos_e.ndim == 2 else pos_e, options.noise,
+        time=when[inside], interval=options.interval,
+    )  # fmt: skip
+    found = align_epochs(stream, doppler, lever_b, options)
+    return replace(found, source=np.flatnonzero(inside)[found.source])
+
+
+def align_epochs(
+    stream: InertialStream,
+    doppler: InertialDoppler,
+    lever_b: ArrayLike = (0.0, 0.0, 0.0),
+    options: InertialOptions | None = None,
+    *,
+    gyro_bias: ArrayLike | None = None,
+) -> InertialAlignment:
+    """Align on prepared rows; what `align_inertial` does.
+
+    Parameters
+    ----------
+    stream, lever_b, options
+        As for `align_inertial`.
+    doppler : InertialDoppler
+    gyro_bias : array_like, shape (3,), optional
+        Where to linearise first, for example the estimate of the window before.
+
+    Raises
+    ------
+    AlignmentError
+        If there is too little to solve for anything.
+    """
+    options = options or InertialOptions()
+    if len(doppler.time) < 2:
+        raise AlignmentError("fewer than two epochs with Doppler and IMU data: keep waiting")
+    at = _linearised(stream, doppler, lever_b, options)
+    window: Callable[[FloatArray], Window] = at
+    start = _prior(options) if gyro_bias is None else np.append(gyro_bias, np.zeros(3))
+    solved = settle(window, start, options, None)
+    inliers = np.ones(len(solved.window), dtype=bool)
+    result = align(solved.problem, limits=options.limits)
+    if options.robust and not result.consistent.passed and result.dof >= options.limits.redundancy:
+        solved, inliers = _reject(window, solved, options)
+        # Rejected rows tell of tails: those that were kept are as wide as all of them together.
+        lost = int(np.sum(~inliers))
+        tails = (solved.cost + lost * options.cutoff**2) / max(solved.problem.dof + lost, 1)
+        if lost and tails > 1.0:
+            window = partial(at, widen=float(np.sqrt(tails)))
+            solved = settle(window, solved.window.biases, options, None, inliers)
+        result = align(solved.problem, limits=options.limits)
+    extra = [] if inliers.all() else [_consensus(inliers, options)]
+    if result.passed and all(verdict.passed for verdict in extra):
+        # Slow, and of no use to what waits anyway.
+        extra.append(_rivals(window, solved, result, inliers, options))
+        if not inliers.all():
+            extra.append(_separation(window, solved, result, inliers, options))
+    result = replace(result, extra=tuple(extra))
+    rows = solved.window.rows
+    vel_e, cov = solved.estimate(result, inliers)
+    sats = tuple(map(str, np.unique(rows.sat[~inliers])))
+    return InertialAlignment(
+        result, float(rows.track.time[0]), float(rows.track.time[-1]), len(rows.track), vel_e,
+        solved.biases[:3], solved.biases[3:], cov, doppler.pos_e[-1], inliers, rows.source,
+        sats, solved.rounds, rows.track, options.imu,
+    )  # fmt: skip
+
+
+def glimpse(
+    stream: InertialStream,
+    doppler: InertialDoppler,
+    lever_b: ArrayLike = (0.0, 0.0, 0.0),
+    options: InertialOptions | None = None,
+) -> float:
+    """Return 1σ of the heading [rad] after one linearisation, as the weights have it.
+
+    Of no use as a result, and a fraction of the work of `align_epochs`: it tells a window that
+    cannot have a heading yet from one that is worth the trouble. Parameters as there.
+    """
+    options = options or InertialOptions()
+    window = _linearised(stream, doppler, lever_b, options)
+    solved = settle(window, _prior(options), replace(options, rounds=1), None)
+    down_e = C_en_of(doppler.pos_e[-1])[:, 2]
+    cov = solved.covariance(np.ones(len(solved.window), dtype=bool))
+    return float(np.sqrt(down_e @ cov[:3, :3] @ down_e))
+
+
+def _prior(options: InertialOptions) -> FloatArray:
+    return np.concatenate([np.asarray(options.gyro_bias, dtype=float), np.zeros(3)])
+
+
+def _linearised(
+    stream: InertialStream, doppler: InertialDoppler, lever_b: ArrayLike, options: InertialOptions
+) -> Callable[..., Window]:
+    """Return what makes a window at given biases, its σ widened by a factor."""
+
+    def at(biases: FloatArray, widen: float = 1.0) -> Window:
+        track = inertial_track(stream, doppler.time, biases[:3], biases[3:])
+        rows = inertial_rows(doppler, track, lever_b)
+        wider = replace(rows.rows, sigma=widen * rows.rows.sigma)
+        return Window(replace(rows, rows=wider), biases, _prior(options), options)
+
+    return at
+
+
+def _reject(
+    window: Callable[[FloatArray], Window], solved: Solved, options: InertialOptions
+) -> tuple[Solved, Mask]:
+    """Reject the worst row of each epoch by turns until all agree (Baarda's data snooping).
+
+    The residual of a row is judged by its own σ after the fit: a row that the fit follows
+    whatever it says has a small residual and a small σ of it.
+    """
+    inliers = np.ones(len(solved.window), dtype=bool)
+    epoch = solved.window.rows.rows.epoch
+    for _ in range(40):
+        k = int(np.sum(inliers))
+        jacobian, residual = solved.joint(inliers)
+        basis = np.asarray(np.linalg.qr(jacobian)[0])[:k]
+        left = np.maximum(1.0 - np.sum(basis * basis, axis=1), 1e-6)
+        score = np.zeros(len(inliers))
+        score[inliers] = np.abs(residual[:k]) / np.sqrt(left)
+        # A row that nothing checks cannot be judged.
+        score[inliers] *= left > 1e-3
+        worst = float(score.max())
+        if worst <= options.cutoff or np.mean(~inliers) > 0.5:
+            break
+        # Only what is nearly as bad as the worst: the others may suffer from it.
+        bad = score > max(options.cutoff, 0.6 * worst)
+        for e in np.unique(epoch[bad]):
+            rows = np.flatnonzero(epoch == e)
+            inliers[rows[np.argmax(score[rows])]] = False
+        solved = settle(window, solved.window.biases, options, None, inliers)
+    return solved, inliers
+
+
+def _consensus(inliers: Mask, options: InertialOptions) -> Verdict:
+    share = float(np.mean(inliers))
+    passed = share >= 1.0 - options.minority
+    text = f"{int(np.sum(inliers))} of {inliers.size} rows agree"
+    if not passed:
+        text += f", {100.0 * (1.0 - options.minority):.0f} % are needed"
+    return Verdict("consensus", passed, share, 1.0 - options.minority, text)
+
+
+def _separation(
+    window: Callable[[FloatArray], Window], solved: Solved, result: AlignmentResult,
+    inliers: Mask, options: InertialOptions,
+) -> Verdict:  # fmt: skip
+    """Leave out each satellite in turn: none may carry the attitude by itself.
+
+    Where rows had to be rejected, others of the same reflections may have stayed. The solution
+    without a satellite differs from that with it by P_without − P_with if the satellite is sound
+    (solution separation, as in receiver integrity monitoring); the largest of these tests counts.
+    """
+    rows = solved.window.rows
+    _, cov = solved.estimate(result, inliers)
+    limit = region_threshold(1.0 - 1e-4)
+    worst, name = 0.0, ""
+    for sat in np.unique(rows.sat[inliers]):
+        others = inliers & (rows.sat != sat)
+        try:
+            without = settle(window, solved.window.biases, options, solved.C_ew, others)
+        except AlignmentError:
+            return Verdict("separation", False, np.inf, limit, f"nothing is left without {sat}")
+        _, wider = without.estimate(result, others)
+        off = without.C_ew @ solved.C_ew.T
+        turn_e = 0.5 * np.array(
+            [off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]]
+        )
+        values, axes = np.linalg.eigh(wider[:3, :3] - cov[:3, :3])
+        # A satellite that adds nothing moves nothing: a hundredth of σ² is the floor.
+        floor = 0.01 * float(np.linalg.eigvalsh(cov[:3, :3])[0])
+        score = float(np.sum((axes.T @ turn_e) ** 2 / np.maximum(values, floor)))
+        if score > worst:
+            worst, name = score, str(sat)
+    passed = worst <= limit
+    text = f"without {name} the attitude moves by χ² {worst:.3g}"
+    return Verdict(
+        "separation", passed, worst, limit, text + ("" if passed else f" (limit {limit:.0f})")
+    )
+
+
+def _rivals(
+    window: Callable[[FloatArray], Window], solved: Solved, result: AlignmentResult,
+    inliers: Mask, options: InertialOptions,
+) -> Verdict:  # fmt: skip
+    """Follow the other minima to their own linearisation; they must still be worse there."""
+    inflation = max(1.0, result.cost / result.dof) if result.dof > 0 else 1.0
+    limit = inflation * options.limits.ambiguity
+    least = np.inf
+    for C, cost in zip(result.rivals.C, result.rivals.cost, strict=True):
+        # Its own biases gain nothing to speak of where the excess is a hundred times the limit.
+        if cost - result.cost > 100.0 * limit or len(result.rivals.cost) > 8:
+            continue
+        other = settle(window, solved.window.biases, options, C, inliers)
+        if rotation_angle(other.C_ew, result.C_ew) > 0.01:
+            least = min(least, other.cost - result.cost)
+    passed = not least < limit
+    text = f"nearest rival with biases of its own at χ² +{least:.3g}"
+    if np.isinf(least):
+        text = "no rival with biases of its own"
+    elif not passed:
+        text += f" (limit {limit:.0f}): needs a turn or a change of speed"
+    return Verdict("rivals", passed, least, limit, text)

@@ -1,0 +1,233 @@
+"""Proof that no other rotation explains as many rows: branch and bound over all of SO(3).
+
+A certificate of the least-squares cost says nothing about which rows went into it. What can be
+proved about the choice is that every rotation with at least m inliers lies near the one at hand.
+Rows may be counted by `row_weights`, the share of all directions of C v in which they would be
+outliers: a weak signal, or one of a car that hardly moves, agrees with every rotation, and a plain
+count would hide the difference behind such rows.
+
+Rotation vectors within a ball of radius π are cut into cubes; Exp of a cube of half-width h turns
+a vector by no more than √3·h away from where its centre does (Hartley and Kahl 2009), so a row is
+an inlier for *some* rotation of the cube only with a clock drift in
+
+    |v| cos(min(φ + √3h, π)) − z − c  ≤  cδṫ  ≤  |v| cos(max(φ − √3h, 0)) − z + c,
+
+φ between the line of sight and the velocity as the centre turns it. The largest number of such
+intervals that share a point, by weight, bounds the consensus of the cube.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...filters.errors import ConfigError
+from ...filters.rotation import FloatArray, matrix_from_rotvec
+from ..priors import Prior
+from ..problem import AlignmentRows
+from ..solver.refinement import rotation_angle
+
+#: Cells examined at a time, and the smallest half-width [rad].
+_CHUNK, _SMALLEST = 1024, 1e-3
+#: How far a rotation may be from what a prior says, in σ.
+_PRIOR_LIMIT = 4.0
+_CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+
+
+@dataclass(frozen=True, eq=False)
+class ConsensusProof:
+    """What branch and bound found out.
+
+    Attributes
+    ----------
+    proved : bool
+        Every rotation with `required` inliers or more lies within `radius` of the one given.
+    required : float
+        Inliers asked for, by weight.
+    radius : float
+        [rad].
+    cells : int
+        Cubes examined.
+    rival : ndarray, shape (3, 3), or None
+        A rotation outside with that many inliers, if one was met: the disproof.
+    """
+
+    proved: bool
+    required: float
+    radius: float
+    cells: int
+    rival: FloatArray | None
+
+
+def row_weights(rows: AlignmentRows, cutoff: float) -> FloatArray:
+    """Return the share of all directions in which each row would be an outlier, shape (k,)."""
+    speed = np.linalg.norm(rows.vel_w, axis=1) * np.linalg.norm(rows.e_e, axis=1)
+    return 1.0 - np.minimum(cutoff * rows.sigma / np.maximum(speed, 1e-300), 1.0)
+
+
+def consensus(
+    rows: AlignmentRows,
+    C_ew: ArrayLike,
+    cutoff: float,
+    *,
+    per_epoch: bool,
+    weight: ArrayLike | None = None,
+) -> float:
+    """Return how many rows agree with a rotation, for the clock that suits most of them.
+
+    Parameters
+    ----------
+    rows : AlignmentRows
+    C_ew : array_like, shape (3, 3)
+    cutoff : float
+        Largest residual of an inlier, in σ.
+    per_epoch : bool
+        A clock drift of its own for every epoch, instead of one for all.
+    weight : array_like, shape (k,), optional
+        What each row counts; default 1.
+    """
+    speed, angle = _angles(rows, np.asarray(C_ew, dtype=float)[None])
+    drift = speed * np.cos(angle) - rows.z
+    half, weight = cutoff * rows.sigma, _counted(rows, weight)
+    return float(_stabbed(drift - half, drift + half, _groups(rows, per_epoch), weight)[0])
+
+
+def prove_consensus(
+    rows: AlignmentRows,
+    C_ew: ArrayLike,
+    required: float,
+    *,
+    cutoff: float = 3.5,
+    radius: float = np.radians(10.0),
+    per_epoch: bool = False,
+    slack: float = 0.0,
+    max_cells: int = 40_000,
+    weight: ArrayLike | None = None,
+    priors: Iterable[Prior] = (),
+) -> ConsensusProof:
+    """Try to prove that all rotations with `required` inliers lie within `radius` of C_ew.
+
+    Parameters
+    ----------
+    rows : AlignmentRows
+        All of them, outliers too.
+    C_ew : array_like, shape (3, 3)
+    required : float
+        Of `consensus`, or less for a stronger statement.
+    cutoff : float
+        Largest residual of an inlier, in σ.
+    radius : float
+        [rad]. Rotations within the noise of the best one have as many inliers as that: it cannot
+        be arbitrarily small.
+    per_epoch : bool
+        As for `consensus`.
+    slack : float
+        How much the drift may wander within the window, either way [m/s]; inliers are then
+        counted too generously, which makes the proof harder, not weaker.
+    max_cells : int
+        Where to give up; about 10 µs each with 60 rows.
+    weight : array_like, shape (k,), optional
+        As for `consensus`.
+    priors : iterable of Prior
+        Rotations that contradict one of them by more than 4σ are not asked about.
+    """
+    if not (required > 0.0 and 0.0 < radius < np.pi):
+        raise ConfigError(
+            f"consensus proof: expected 0 < required and 0 < radius < 180°, "
+            f"found {required:g} and {np.degrees(radius):g}°"
+        )
+    C_ew, groups = np.asarray(C_ew, dtype=float), _groups(rows, per_epoch)
+    # The clock's size costs digits in the sums below, and any constant is as good.
+    z, half = rows.z - np.median(rows.z), cutoff * rows.sigma + slack + 1e-7
+    weight, priors = _counted(rows, weight), tuple(priors)
+    least = required * (1.0 - 1e-9)  # of sums in another order
+    stack, cells = [(np.zeros((1, 3)), np.pi)], 0
+    while stack:
+        centres, width = stack.pop()
+        if len(centres) > _CHUNK:
+            stack.append((centres[_CHUNK:], width))
+            centres = centres[:_CHUNK]
+        nearest = np.maximum(np.abs(centres) - width, 0.0)
+        centres = centres[np.sum(nearest * nearest, axis=1) <= (np.pi + 1e-9) ** 2]
+        cells += len(centres)
+        if cells > max_cells or width < _SMALLEST:
+            return ConsensusProof(False, required, radius, cells, None)
+        C = matrix_from_rotvec(centres)
+        reach = np.sqrt(3.0) * width
+        away = rotation_angle(C_ew, C)
+        open_ = (away + reach >= radius) & _allowed(priors, C, reach)
+        centres, C, away = centres[open_], C[open_], away[open_]
+        if not len(centres):
+            continue
+        speed, angle = _angles(rows, C)
+        low = speed * np.cos(np.minimum(angle + reach, np.pi)) - z - half
+        high = speed * np.cos(np.maximum(angle - reach, 0.0)) - z + half
+        alive = _stabbed(low, high, groups, weight) >= least
+        if not alive.any():
+            continue
+        centres, C, away, angle = centres[alive], C[alive], away[alive], angle[alive]
+        outside = (away > radius) & _allowed(priors, C, 0.0)
+        if width < 0.5 and outside.any():
+            drift = speed * np.cos(angle[outside]) - z
+            found = _stabbed(drift - half, drift + half, groups, weight)
+            if found.max() >= least:
+                rival = C[outside][int(np.argmax(found))]
+                return ConsensusProof(False, required, radius, cells, rival)
+        stack.append(((centres[:, None] + width * _CORNERS).reshape(-1, 3), 0.5 * width))
+    return ConsensusProof(True, required, radius, cells, None)
+
+
+def _angles(rows: AlignmentRows, C: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return |v||e| of the rows and the angles between C v and e, shapes (k,) and (n, k)."""
+    size = np.linalg.norm(rows.vel_w, axis=1) * np.linalg.norm(rows.e_e, axis=1)
+    pairs = (rows.vel_w[:, :, None] * rows.e_e[:, None, :]).reshape(-1, 9)
+    cosine = np.swapaxes(C, 1, 2).reshape(-1, 9) @ pairs.T / np.maximum(size, 1e-300)
+    return size, np.arccos(np.clip(cosine, -1.0, 1.0))
+
+
+def _allowed(priors: Iterable[Prior], C: FloatArray, reach: float) -> NDArray[np.bool_]:
+    """Return where some rotation within `reach` of C satisfies each prior, shape (n,)."""
+    allowed = np.ones(len(C), dtype=bool)
+    x = np.hstack([np.swapaxes(C, 1, 2).reshape(-1, 9), np.ones((len(C), 1))])
+    distance = 2.0 * np.sqrt(2.0) * np.sin(0.5 * min(reach, np.pi))  # |R − C|, Frobenius
+    for prior in priors:
+        nearest = np.linalg.norm(x @ prior.rows.T, axis=1)
+        nearest -= np.linalg.norm(prior.rows[:, :9], 2) * distance
+        allowed &= nearest <= _PRIOR_LIMIT
+    return allowed
+
+
+def _counted(rows: AlignmentRows, weight: ArrayLike | None) -> FloatArray:
+    return np.ones(len(rows)) if weight is None else np.asarray(weight, dtype=float)
+
+
+def _groups(rows: AlignmentRows, per_epoch: bool) -> list[NDArray[np.int64]]:
+    """Return the indices of the rows that share a clock drift."""
+    if not per_epoch:
+        return [np.arange(len(rows))]
+    return [np.flatnonzero(rows.epoch == epoch) for epoch in np.unique(rows.epoch)]
+
+
+def _stabbed(
+    low: FloatArray, high: FloatArray, groups: list[NDArray[np.int64]], weight: FloatArray
+) -> FloatArray:
+    """Return the weight of the intervals that one point per group can hit at most, shape (n,)."""
+    total = np.zeros(len(low))
+    for group in groups:
+        (starts, begun), (ends, over) = (_sorted(x[:, group], weight[group]) for x in (low, high))
+        # All rows in one search: each lifted above the one before.
+        lift = (np.arange(len(low)) * (ends.max() - starts.min() + 1.0))[:, None]
+        ended = np.searchsorted((ends + lift).ravel(), (starts + lift).ravel())
+        ended = ended.reshape(starts.shape) - len(group) * np.arange(len(low))[:, None]
+        over = np.hstack([np.zeros((len(low), 1)), over])
+        total += (begun - np.take_along_axis(over, ended, axis=1)).max(axis=1)
+    return total
+
+
+def _sorted(values: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return each row in ascending order, and the weight up to and with every entry."""
+    order = np.argsort(values, axis=1)
+    return np.take_along_axis(values, order, axis=1), np.cumsum(weight[order], axis=1)

@@ -1,0 +1,1 @@
+"""What alignment is compared with: the semidefinite program, VOBA, Gauss–Newton, simulation."""

@@ -1,0 +1,212 @@
+"""The inertial form against the simulator's truth, which knows nothing of it."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from certnav.alignment.in_motion.rows import (
+    DopplerEpoch,
+    InertialTrack,
+    inertial_doppler,
+    inertial_rows,
+    inertial_track,
+    joined,
+)
+from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.filters.earth import gravity_e, lla_to_ecef
+from certnav.filters.errors import AlignmentError, DataError
+from certnav.filters.rotation import matrix_from_rotvec, skew
+from certnav.filters.strapdown import InertialStream
+from certnav.velocity.range_rate import doppler_rows
+
+
+def exact_drive(lever):
+    """A minute in traffic from cruising speed on, free of every error; antenna at `lever`."""
+    config = SimulationConfig(
+        seed=3, duration=60.0, noise=False, receiver_clock=False, atmosphere=False,
+        moving_start=True, static_start=0.0, density="open", lever_antenna_b=lever,
+    )  # fmt: skip
+    simulation = simulate(config)
+    imu, observations = simulation.imu, simulation.observations
+    stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
+    pos_e = simulation.trajectory.pos_e(observations.time, lever)
+    return simulation, stream, inertial_doppler(observations, pos_e)
+
+
+def between(doppler, first, last):
+    """The epochs first … last; gravitation in the axes of the first, 3 mrad off in 45 s."""
+    here = (doppler.epoch >= first) & (doppler.epoch <= last)
+    turn = 7.2921151467e-5 * (doppler.time[first] - doppler.time[0])
+    to_first = matrix_from_rotvec([0.0, 0.0, -turn])
+    columns = {
+        name: getattr(doppler, name)[here] for name in ("source", "sat", "e_e", "z", "sigma")
+    }
+    dv = doppler.gravity_dv[first : last + 1] - doppler.gravity_dv[first]
+    return dataclasses.replace(
+        doppler, time=doppler.time[first : last + 1], pos_e=doppler.pos_e[first : last + 1],
+        gravity_dv=dv @ to_first.T, epoch=doppler.epoch[here] - first, **columns,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def drive():
+    return exact_drive((0.0, 0.0, 0.0))
+
+
+def residuals(simulation, rows, lever=(0.0, 0.0, 0.0)):
+    """Rows less e·(C_eb vel_w + v_e) of the truth at the anchor."""
+    at = rows.track.time[rows.track.anchor : rows.track.anchor + 1]
+    C_ew = simulation.trajectory.C_eb(at)[0]
+    vel_e = simulation.trajectory.vel_e(at)[0]
+    r = rows.rows
+    return r.z - np.sum(r.e_e * (r.vel_w @ C_ew.T + vel_e), axis=1)
+
+
+@pytest.mark.parametrize(("first", "last", "anchor"), [(0, 30, None), (0, 30, 0), (12, 60, 40)])
+def test_identity_holds_wherever_the_anchor_is(drive, first, last, anchor):
+    """Earth rotation, Coriolis, gravitation, light time: 1e-5 m/s over half a minute of traffic.
+
+    7e-6 m/s of it are the simulator's, whose Doppler is a numerical derivative.
+    """
+    simulation, stream, doppler = drive
+    doppler = between(doppler, first, last)
+    anchor = None if anchor is None else anchor - first
+    rows = inertial_rows(doppler, inertial_track(stream, doppler.time), anchor=anchor)
+    assert np.abs(residuals(simulation, rows)).max() < 1.2e-5
+    # Not vacuous: gravity alone is 300 m/s of what cancels.
+    assert np.abs(rows.rows.vel_w).max() > 100.0
+
+
+def test_epochs_joined_are_the_rows_of_all(drive):
+    """One by one, as a receiver gives them, and from the recording."""
+    simulation, _, doppler = drive
+    observations = simulation.observations
+    pos_e = simulation.trajectory.pos_e(observations.time)
+    rows = doppler_rows(observations, pos_e)
+    epochs = [
+        DopplerEpoch(
+            time, pos_e[here.start], rows.take((rows.row >= here.start) & (rows.row < here.stop))
+        )
+        for time, here in observations.epochs()
+    ]
+    together = joined(epochs)
+    for name in ("time", "pos_e", "gravity_dv", "epoch", "source", "sat", "e_e", "z", "sigma"):
+        np.testing.assert_array_equal(getattr(together, name), getattr(doppler, name))
+
+
+def test_lever_arm_and_its_rotation():
+    """2 m of lever arm, with gravitation taken at the antenna instead of the IMU.
+
+    Its gradient, 3.1e-6 /s², makes 6e-6 m/s² of that; v_e differs by ω_ie × lever, 1.5e-4 m/s.
+    """
+    lever = (1.2, -0.7, -1.5)
+    simulation, stream, doppler = exact_drive(lever)
+    doppler = between(doppler, 30, doppler.time.size - 1)
+    track = inertial_track(stream, doppler.time)
+    with_lever = inertial_rows(doppler, track, lever)
+    without = inertial_rows(doppler, track)
+    assert np.abs(residuals(simulation, with_lever)).max() < 30.0 * 6e-6 + 1.5e-4
+    assert np.abs(residuals(simulation, without)).max() > 0.1
+
+
+def test_integrals_against_the_true_motion(drive):
+    """Attitude and rate at instants between samples, too."""
+    simulation, stream, _ = drive
+    time = stream.start + np.array([5.0, 11.2347, 20.005, 33.33333])
+    track = inertial_track(stream, time)
+    truth = simulation.trajectory.kinematics(time)
+    elapsed = time - time[0]
+    to_first = matrix_from_rotvec(np.outer(elapsed, [0.0, 0.0, 7.2921151467e-5]))
+    C_wb = truth.C_eb[0].T @ to_first @ truth.C_eb
+    np.testing.assert_allclose(track.C_wb, C_wb, atol=1e-9)
+    np.testing.assert_allclose(track.omega_b, truth.omega_ib_b, atol=1e-5)
+
+
+def test_bias_and_scale_responses_are_derivatives(drive):
+    _, stream, doppler = drive
+    time, h = doppler.time[:31], 1e-7
+    base = inertial_track(stream, time).part(0, 30)
+    for axis in range(3):
+        step = h * np.eye(3)[axis]
+        plus = inertial_track(stream, time, step, np.zeros(3)).part(0, 30)
+        minus = inertial_track(stream, time, -step, np.zeros(3)).part(0, 30)
+        change = (plus.dv_w - minus.dv_w) / (2.0 * h)
+        np.testing.assert_allclose(base.B[:, :, axis], change, rtol=1e-3, atol=0.5)
+        turned = (plus.C_wb - minus.C_wb) / (2.0 * h)
+        np.testing.assert_allclose(-skew(base.A[:, :, axis]) @ base.C_wb, turned, atol=2e-3)
+        plus = inertial_track(stream, time, np.zeros(3), 1e3 * step).part(0, 30)
+        np.testing.assert_allclose(-base.F[:, :, axis], (plus.dv_w - base.dv_w) / (1e3 * h),
+                                   atol=2e-3)  # fmt: skip
+        scaled = InertialStream(
+            stream.edges[1:], stream.gyro * (1.0 - 1e-6 * np.eye(3)[axis]), stream.accel
+        )
+        scaled.edges[0] = stream.edges[0]
+        change = (inertial_track(scaled, time).part(0, 30).dv_w - base.dv_w) / 1e-6
+        np.testing.assert_allclose(base.B[:, :, 3 + axis], change, rtol=1e-3, atol=0.5)
+
+
+def test_parts_of_a_bias_add_up_to_the_whole(drive):
+    _, stream, doppler = drive
+    base = inertial_track(stream, doppler.time[:31]).part(0, 30, 12)
+    cuts = [0, 7, 12, 20, 30]
+    turns, changes = zip(*(base.response(a, b) for a, b in pairwise(cuts)), strict=True)
+    np.testing.assert_allclose(sum(turns), base.A[:, :, :3], atol=1e-9)
+    np.testing.assert_allclose(sum(changes), base.B[:, :, :3], atol=1e-7)
+
+
+def test_response_to_a_bias_over_part_of_the_window(drive):
+    """A rate that is wrong for eight seconds only, against integrating it."""
+    _, stream, doppler = drive
+    time = doppler.time[:31]
+    base = inertial_track(stream, time).part(0, 30)
+    delta = np.array([2e-6, -1e-6, 3e-6])
+    inside = (stream.edges[1:] > time[9] + 1e-6) & (stream.edges[1:] < time[17] + 1e-6)
+    wrong = InertialStream(stream.edges[1:], stream.gyro - np.outer(inside, delta), stream.accel)
+    wrong.edges[0] = stream.edges[0]
+    off = inertial_track(wrong, time).part(0, 30).dv_w - base.dv_w
+    _, change = base.response(9, 17)
+    np.testing.assert_allclose(change @ delta, off, atol=2e-3 * np.abs(off).max())
+
+
+def test_standing_on_the_turning_earth():
+    """No motion: z is the same for all satellites, and Δv_w is what the Earth's surface makes."""
+    pos = lla_to_ecef(0.7, -1.1, 50.0)
+    time = 5e8 + np.arange(1, 3001) * 0.01
+    rate = np.array([0.0, 0.0, 7.2921151467e-5])  # body axes: ECEF's own
+    stream = InertialStream(time, np.tile(rate, (3000, 1)), np.tile(-gravity_e(pos), (3000, 1)))
+    track = inertial_track(stream, 5e8 + np.arange(0.0, 31.0, 5.0))
+    angle = 7.2921151467e-5 * 30.0
+    np.testing.assert_allclose(track.C_wb[-1], matrix_from_rotvec([0.0, 0.0, angle]), atol=1e-13)
+    g = -gravity_e(pos)
+    closed = np.array([
+        (g[0] * np.sin(angle) - g[1] * (1.0 - np.cos(angle))) / rate[2],
+        (g[1] * np.sin(angle) + g[0] * (1.0 - np.cos(angle))) / rate[2],
+        30.0 * g[2],
+    ])  # fmt: skip
+    np.testing.assert_allclose(track.dv_w[-1], closed, atol=1e-8)
+
+
+def test_epochs_too_close_are_left_out(drive):
+    simulation, _, doppler = drive
+    observations = simulation.observations
+    pos_e = simulation.trajectory.pos_e(observations.time)
+    thinned = inertial_doppler(observations, pos_e, interval=2.0)
+    np.testing.assert_allclose(thinned.time, doppler.time[::2])
+    assert np.all(np.isin(thinned.source, doppler.source))
+    np.testing.assert_array_equal(observations.time[thinned.source], thinned.time[thinned.epoch])
+
+
+def test_outside_the_imu_data_is_refused(drive):
+    _, stream, doppler = drive
+    with pytest.raises(AlignmentError, match="do not cover the window"):
+        inertial_track(stream, [stream.end - 1.0, stream.end + 1.0])
+    with pytest.raises(DataError, match="ascending"):
+        inertial_track(stream, [stream.start + 2.0, stream.start + 1.0])
+    track = inertial_track(stream, doppler.time[:5])
+    assert isinstance(track, InertialTrack)
+    with pytest.raises(DataError, match="epochs"):
+        inertial_rows(doppler, track)
