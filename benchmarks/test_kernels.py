@@ -16,7 +16,7 @@ pytest.importorskip("pytest_benchmark")
 from certnav.alignment.problem import build_problem
 from certnav.alignment.reference.simulation import simulate_window
 from certnav.alignment.solver.fast_solver import fast_minimum
-from certnav.datasets._numbers import read_numbers
+from certnav.datasets.text.numbers import read_numbers
 from certnav.filters import measurements
 from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import ErrorModel

@@ -52,14 +52,16 @@ class Format:
 
 
 FORMATS: dict[str, Format] = {
-    "great": Format("great", "great", "IMU/*.txt with GNSS/ or Groundtruth/, or great.toml"),
-    "comma2k19": Format("comma2k19", "comma2k19", "processed_log/IMU with global_pose"),
-    "declared": Format("own_data", "declared", "sequence.toml"),
-    "smartloc": Format("smartloc", "smartloc", "RXM-RAWX.csv"),
-    "kf-gins": Format("kfgins", "kfgins", "IMU and GNSS text in KF-GINS's columns"),
-    "oakville": Format("oakville", "oakville", "imu.csv[.gz] with gnss.csv[.gz]"),
-    "rtklibexplorer": Format("rtklibexplorer", "rtklibexplorer", "imu_*.csv with gnss_*.pos"),
-    "spirent": Format("instinct", "spirent", "Rover-*_MO_*.obs with *_PVA_*.csv"),
+    "great": Format("great.reader", "great", "IMU/*.txt with GNSS/ or Groundtruth/, or great.toml"),
+    "comma2k19": Format("formats.comma2k19", "comma2k19", "processed_log/IMU with global_pose"),
+    "declared": Format("own.reader", "declared", "sequence.toml"),
+    "smartloc": Format("formats.smartloc", "smartloc", "RXM-RAWX.csv"),
+    "kf-gins": Format("formats.kfgins", "kfgins", "IMU and GNSS text in KF-GINS's columns"),
+    "oakville": Format("formats.oakville", "oakville", "imu.csv[.gz] with gnss.csv[.gz]"),
+    "rtklibexplorer": Format(
+        "formats.rtklibexplorer", "rtklibexplorer", "imu_*.csv with gnss_*.pos"
+    ),
+    "spirent": Format("formats.instinct", "spirent", "Rover-*_MO_*.obs with *_PVA_*.csv"),
 }
 
 
@@ -116,8 +118,8 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
         One of `formats`; default: recognised by the folder's contents, and said in the notes.
     **options
         The reader's own; see `read_great`, `read_smartloc`, `read_kfgins`, `read_comma2k19`,
-        `read_oakville`, `read_rtklibexplorer`, `datasets.instinct.read_spirent`. A declaration
-        takes none: everything is in the file.
+        `read_oakville`, `read_rtklibexplorer`, `datasets.formats.instinct.read_spirent`. A
+        declaration takes none: everything is in the file.
 
     Raises
     ------

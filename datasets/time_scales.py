@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..filters.errors import DataError
 from ..filters.rotation import FloatArray
 from . import gpstime
-from .text_tables import Table
+from .text.tables import Table
 
 #: Time scales by name, and what a column in them holds.
 SCALES = {

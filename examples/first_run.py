@@ -14,9 +14,9 @@ matplotlib.use("Agg")  # a file, no window
 import matplotlib.pyplot as plt
 import numpy as np
 
-from certnav.datasets.great_writer import simulate_folder
+from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.load import load
-from certnav.datasets.simulator import SimulationConfig
+from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.nav.check import check
 from certnav.nav.config import load_config, to_toml
 from certnav.nav.evaluation import evaluate

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..datasets.toml_files import parse_toml, read_toml
+from ..datasets.text.toml_files import parse_toml, read_toml
 from ..filters.errors import ConfigError, DataError
 from ..filters.sensors import PRESETS
 

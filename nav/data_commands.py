@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from ..datasets.catalogue import catalogue_text
-from ..datasets.declare import draft_declaration
-from ..datasets.great_import import import_archives
+from ..datasets.great.catalogue import catalogue_text
+from ..datasets.great.importing import import_archives
+from ..datasets.own.declare import draft_declaration
 from ..filters.errors import DataError
 
 

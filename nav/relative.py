@@ -88,7 +88,7 @@ def base_files(config: GnssConfig, sequence: Sequence) -> tuple[Path, ...]:
     given = Path(config.base)
     if not given.is_dir():
         return (given,)
-    from ..datasets.great_files import is_rinex_name, rinex_kind
+    from ..datasets.great.files import is_rinex_name, rinex_kind
 
     files = sorted(f for f in given.iterdir() if f.is_file() and is_rinex_name(f.name))
     files = [f for f in files if rinex_kind(f) == "O"]

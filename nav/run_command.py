@@ -8,8 +8,8 @@ import time
 from pathlib import Path
 
 from ..datasets.cache import kept_in
-from ..datasets.catalogue import great_sequence
 from ..datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
+from ..datasets.great.catalogue import great_sequence
 from ..datasets.load import load
 from ..datasets.sequence import Sequence
 from ..filters.errors import ConfigError, DataError
@@ -52,8 +52,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 def demo(arguments: argparse.Namespace) -> None:
     """Simulate a drive in the GREAT layout and navigate it."""
-    from ..datasets.great_writer import simulate_folder
-    from ..datasets.simulator import SimulationConfig
+    from ..datasets.great.writer import simulate_folder
+    from ..datasets.simulation.simulator import SimulationConfig
 
     out: Path = arguments.out
     drive = out.parent / f"{out.name}-drive"

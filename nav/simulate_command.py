@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from ..datasets.great_writer import simulate_folder
-from ..datasets.simulator import SimulationConfig
+from ..datasets.great.writer import simulate_folder
+from ..datasets.simulation.simulator import SimulationConfig
 from .progress import progress
 
 

@@ -42,11 +42,11 @@ import numpy as np
 from certnav.alignment.problem import build_problem
 from certnav.alignment.reference.simulation import simulate_window
 from certnav.alignment.solver.fast_solver import fast_minimum
+from certnav.datasets.formats.kfgins import read_imu
 from certnav.datasets.gpstime import from_week_sow, to_week_sow
-from certnav.datasets.kfgins import read_imu
 from certnav.datasets.sequence import GnssFixes, ImuData, Reference
-from certnav.datasets.street_network import RouteConfig, drive
-from certnav.datasets.trajectory import Trajectory, fixes_from_truth, imu_measurements
+from certnav.datasets.simulation.streets import RouteConfig, drive
+from certnav.datasets.simulation.trajectory import Trajectory, fixes_from_truth, imu_measurements
 from certnav.filters import measurements
 from certnav.filters.earth import C_en_of, ecef_to_lla
 from certnav.filters.ekf import ErrorStateFilter

@@ -24,9 +24,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from certnav.datasets.great_writer import simulate_folder, write_reference
+from certnav.datasets.great.writer import simulate_folder, write_reference
 from certnav.datasets.load import load
-from certnav.datasets.simulator import SimulationConfig
+from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.earth import C_en_of
 from certnav.nav.check import check
 from certnav.nav.findings import Report

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 
 from certnav.datasets.load import load
 from certnav.datasets.sequence import Sequence
-from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import NavError
 from certnav.velocity.doppler_noise import fit_doppler_noise, reference_residuals
 from certnav.velocity.study.attitude_effect import drift_effect

@@ -27,11 +27,11 @@ from pathlib import Path
 
 import numpy as np
 
-from certnav.datasets.great_writer import write_great
+from certnav.datasets.great.writer import write_great
 from certnav.datasets.load import load
 from certnav.datasets.sequence import GnssFixes, Sequence
-from certnav.datasets.simulator import SimulationConfig, simulate
-from certnav.datasets.trajectory import fixes_from_truth
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.earth import SPEED_OF_LIGHT, C_en_of
 from certnav.filters.errors import NavError
 from certnav.nav.check import check_sequence

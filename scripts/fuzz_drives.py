@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from certnav.datasets.gpstime import to_calendar, to_week_sow
 from certnav.datasets.sequence import Reference
-from certnav.datasets.simulator import Simulation, SimulationConfig, simulate
+from certnav.datasets.simulation.simulator import Simulation, SimulationConfig, simulate
 from certnav.filters.earth import C_en_of, ecef_to_lla
 from certnav.filters.rotation import FloatArray, matrix_from_rpy
 from certnav.filters.sensors import STANDARD_GRAVITY
@@ -183,7 +183,7 @@ def write_oakville(folder: Path, d: Drive) -> None:
 
 def write_rtklibexplorer(folder: Path, d: Drive) -> None:
     """Write g and deg/s in the sensor's axes, the time tag and a solution."""
-    from certnav.datasets.rtklibexplorer import IMU_LAG
+    from certnav.datasets.formats.rtklibexplorer import IMU_LAG
 
     axes = np.array([-1.0, 1.0, -1.0])
     accel = d.accel * axes / STANDARD_GRAVITY

@@ -28,9 +28,9 @@ cause of. Seed {seed}, {seconds:.0f} s on two cores that were busy with other th
 What is read although it was broken is mostly what has no check sum and no redundancy: another
 digit of a coordinate, a row less, a comment.
 
-RINEX reaches RTKLIB only after a test of every line (`datasets.rinex`), under a name it takes as
-it is (`datasets.rtklib.file_names`): of {rinex} broken RINEX files none has ended the process, so
-that RTKLIB is called in it and not in a child.
+RINEX reaches RTKLIB only after a test of every line (`datasets.text.rinex`), under a name it takes
+as it is (`datasets.rtklib.file_names`): of {rinex} broken RINEX files none has ended the process,
+so that RTKLIB is called in it and not in a child.
 
 **Wrong units.** Gyro or accelerometer of a simulated drive scaled by what confuses degrees and
 radians, seconds and hours, m/s², g, mg and Gal, metres and feet, and by −1, in {formats}: of

@@ -29,15 +29,15 @@ def _file(module: str, function: str, name: str, **options: object) -> Callable[
 
 
 def read_great_import(folder: Path) -> None:
-    from certnav.datasets.great_import import import_archives
+    from certnav.datasets.great.importing import import_archives
 
     import_archives([folder / "campus-01.zip"], folder / "imported")
 
 
 def _packed(folder: Path) -> None:
     """Read the one packed file that is there: the case keeps no other."""
-    from certnav.datasets.rinex_packing import plain_rinex
     from certnav.datasets.rtklib import read_observations
+    from certnav.datasets.text.rinex_packing import plain_rinex
 
     for file in sorted(folder.iterdir()):
         if file.name != "brdc.nav" and (file.is_dir() or not file.is_symlink()):
@@ -76,7 +76,7 @@ def _config(folder: Path) -> None:
 
 
 def _draft(folder: Path) -> None:
-    from certnav.datasets.declare import draft_declaration
+    from certnav.datasets.own.declare import draft_declaration
 
     names = ("imu.csv", "gnss.csv", "odometer.csv", "ref.csv.gz")
     draft_declaration([folder / name for name in names])
@@ -95,17 +95,17 @@ def _check(folder: Path) -> None:
 READ: dict[str, Callable[[Path], None]] = {
     "great": _load(),
     "imu_text": _file(
-        "certnav.datasets.imu_text", "read_imu_text", "imu.txt", week=WEEK, gyro_unit="deg/s"
+        "certnav.datasets.text.imu", "read_imu_text", "imu.txt", week=WEEK, gyro_unit="deg/s"
     ),
     "inertial_explorer": _file(
-        "certnav.datasets.inertial_explorer", "read_reference_table", "ref.txt"
+        "certnav.datasets.formats.inertial_explorer", "read_reference_table", "ref.txt"
     ),
-    "great_pvt": _file("certnav.datasets.great_pvt", "read_flt", "rover.flt", week=WEEK),
-    "rtklib_pos_llh": _file("certnav.datasets.rtklib_pos", "read_pos", "a.pos"),
-    "rtklib_pos_ecef": _file("certnav.datasets.rtklib_pos", "read_pos", "a.pos"),
-    "rtklib_pos_dms": _file("certnav.datasets.rtklib_pos", "read_pos", "a.pos"),
-    "ubx": _file("certnav.datasets.receiver_logs", "read_ubx", "a.ubx"),
-    "nmea": _file("certnav.datasets.receiver_logs", "read_nmea", "a.nmea"),
+    "great_pvt": _file("certnav.datasets.great.pvt", "read_flt", "rover.flt", week=WEEK),
+    "rtklib_pos_llh": _file("certnav.datasets.formats.rtklib_pos", "read_pos", "a.pos"),
+    "rtklib_pos_ecef": _file("certnav.datasets.formats.rtklib_pos", "read_pos", "a.pos"),
+    "rtklib_pos_dms": _file("certnav.datasets.formats.rtklib_pos", "read_pos", "a.pos"),
+    "ubx": _file("certnav.datasets.formats.receiver_logs", "read_ubx", "a.ubx"),
+    "nmea": _file("certnav.datasets.formats.receiver_logs", "read_nmea", "a.nmea"),
     "kfgins": _load(),
     "oakville": _load(),
     "rtklibexplorer": _load(),

@@ -37,7 +37,7 @@ from fuzz_drives import (
 )
 
 from certnav.datasets.gpstime import to_calendar
-from certnav.datasets.great_writer import write_great
+from certnav.datasets.great.writer import write_great
 
 #: Seeds that share a folder with another one.
 SHARED = {"declare": "own_data", "check": "own_data", "check_great": "great"}

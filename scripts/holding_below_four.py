@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
-from certnav.datasets.great_writer import simulate_folder
+from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.load import load
 from certnav.datasets.sequence import Sequence
-from certnav.datasets.simulator import SimulationConfig
+from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.errors import NavError
 from certnav.nav.compare import Comparison, SpellFigures, as_dict, compare
 from certnav.nav.config import Config, GnssConfig, from_tables

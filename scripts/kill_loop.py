@@ -25,8 +25,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from certnav.datasets.great_writer import simulate_folder
-from certnav.datasets.simulator import SimulationConfig
+from certnav.datasets.great.writer import simulate_folder
+from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.errors import NavError
 from certnav.nav.cli import main as main_of_certnav
 from certnav.nav.placing import broken_seals, current

@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from certnav.datasets.great_writer import simulate_folder
-from certnav.datasets.simulator import SimulationConfig
+from certnav.datasets.great.writer import simulate_folder
+from certnav.datasets.simulation.simulator import SimulationConfig
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 

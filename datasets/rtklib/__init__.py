@@ -1,7 +1,7 @@
 """RINEX, broadcast orbits, single-point and relative positioning through RTKLIB (pyrtklib5).
 
 The only package that touches the binding: arrays go in, arrays come out. Files are tested by
-`datasets.rinex` first, because RTKLIB reads a truncated file without complaint.
+`datasets.text.rinex` first, because RTKLIB reads a truncated file without complaint.
 
 RTKLIB keeps one signal per frequency band and three bands a satellite; Doppler and C/N0 pass
 through single precision (≤ 0.25 mHz, that is 0.05 mm/s, for Dopplers below 4 kHz).

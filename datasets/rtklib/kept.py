@@ -16,7 +16,7 @@ from . import observations
 #: Source whose change makes other observations of the same files.
 _HERE = Path(__file__).parent
 _CODE = sorted(_HERE.glob("*.py")) + [
-    _HERE.parent / name for name in ("rinex.py", "gpstime.py", "sequence.py")
+    _HERE.parent / name for name in ("text/rinex.py", "gpstime.py", "sequence.py")
 ]
 
 

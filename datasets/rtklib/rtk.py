@@ -17,9 +17,9 @@ from ...filters.earth import C_en_of
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from .. import gpstime
-from ..rinex import check_observations
-from ..rtklib_pos import read_pos
+from ..formats.rtklib_pos import read_pos
 from ..sequence import GnssFixes, GnssObservations
+from ..text.rinex import check_observations
 from .file_names import harmless_name
 from .observations import _known_systems
 from .satellites import GPS_EPOCH_GTIME, load_navigation

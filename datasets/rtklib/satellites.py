@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray
-from ..rinex import check_navigation
+from ..text.rinex import check_navigation
 from .file_names import harmless_name
 
 #: RTKLIB's gtime_t counts from the Unix epoch without leap seconds; offset to the GPS epoch [s].

@@ -5,8 +5,8 @@ import pytest
 
 from certnav.alignment.local_velocity import inertial_track, planar_track
 from certnav.datasets.gpstime import from_week_sow
-from certnav.datasets.street_network import RouteConfig, drive
-from certnav.datasets.trajectory import Trajectory
+from certnav.datasets.simulation.streets import RouteConfig, drive
+from certnav.datasets.simulation.trajectory import Trajectory
 from certnav.filters.errors import AlignmentError
 from certnav.filters.rotation import matrix_from_rpy
 from certnav.filters.strapdown import InertialStream

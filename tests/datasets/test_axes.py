@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from certnav.datasets.axes import ATTITUDE, axes_matrix, rpy_of
-from certnav.datasets.imu_text import AXES
+from certnav.datasets.text.imu import AXES
 from certnav.filters.errors import ConfigError
 from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix, wrap_angle
 

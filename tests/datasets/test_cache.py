@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from certnav.datasets import cache
-from certnav.datasets.great_writer import simulate_folder
+from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.load import load
-from certnav.datasets.simulator import SimulationConfig
+from certnav.datasets.simulation.simulator import SimulationConfig
 
 
 class Maker:

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 
 from certnav.datasets.physics import gyro_unit_ratio
-from certnav.datasets.rinex import check_observations
 from certnav.datasets.sequence import ImuData
-from certnav.datasets.text_tables import read_lines, read_table, sampling_note
-from certnav.datasets.toml_files import parse_toml
+from certnav.datasets.text.rinex import check_observations
+from certnav.datasets.text.tables import read_lines, read_table, sampling_note
+from certnav.datasets.text.toml_files import parse_toml
 from certnav.filters.errors import DataError, NavError
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
@@ -169,7 +169,7 @@ def test_the_sound_recordings_are_read(fuzz_seeds, read, seeds, target):
 
 
 def test_a_ubx_message_with_an_impossible_date(seeds, tmp_path):
-    from certnav.datasets.receiver_logs import read_ubx
+    from certnav.datasets.formats.receiver_logs import read_ubx
 
     data = bytearray((seeds[0] / "ubx/a.ubx").read_bytes())
     data[6 + 6] = 23  # the month of the first message
@@ -185,7 +185,7 @@ def test_a_ubx_message_with_an_impossible_date(seeds, tmp_path):
 
 
 def test_damaged_messages_are_counted(seeds, tmp_path):
-    from certnav.datasets.receiver_logs import read_nmea, read_ubx
+    from certnav.datasets.formats.receiver_logs import read_nmea, read_ubx
 
     data = bytearray((seeds[0] / "ubx/a.ubx").read_bytes())
     data[40] ^= 1  # the checksum of the first message is wrong now
@@ -201,7 +201,7 @@ def test_damaged_messages_are_counted(seeds, tmp_path):
 
 
 def test_nmea_sentences_with_empty_fields_are_no_fixes(seeds, tmp_path):
-    from certnav.datasets.receiver_logs import read_nmea
+    from certnav.datasets.formats.receiver_logs import read_nmea
 
     def sentence(body):
         check = 0
@@ -264,7 +264,7 @@ def test_an_error_is_one_printable_line(content):
 
 
 def test_an_archive_cut_short_is_refused(seeds, tmp_path):
-    from certnav.datasets.great_import import import_archives
+    from certnav.datasets.great.importing import import_archives
 
     whole = (seeds[0] / "great_import/campus-01.zip").read_bytes()
     file = tmp_path / "campus-01.zip"

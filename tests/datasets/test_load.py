@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from certnav.datasets.load import formats, load, recognise
-from certnav.datasets.text_tables import read_table
+from certnav.datasets.text.tables import read_table
 from certnav.filters.errors import ConfigError, DataError, NavError
 
 REAL = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from certnav.datasets import gpstime
-from certnav.datasets.columns import open_text, read_columns
+from certnav.datasets.text.columns import open_text, read_columns
 from certnav.datasets.time_scales import SCALES, TimeScale, gps_time
 from certnav.filters.errors import DataError
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from certnav.datasets.gpstime import from_week_sow
-from certnav.datasets.street_network import RouteConfig, drive
-from certnav.datasets.trajectory import Trajectory
+from certnav.datasets.simulation.streets import RouteConfig, drive
+from certnav.datasets.simulation.trajectory import Trajectory
 from certnav.filters import earth
 from certnav.filters.rotation import matrix_from_rpy
 from certnav.filters.strapdown import NavState

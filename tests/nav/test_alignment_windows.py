@@ -11,7 +11,7 @@ from certnav.alignment.problem import ClockModel
 from certnav.alignment.reference.simulation import simulate_window
 from certnav.datasets.load import load
 from certnav.datasets.sequence import Odometer
-from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import AlignmentError, ConfigError
 from certnav.nav.alignment_noise import fit_window_noise
 from certnav.nav.alignment_windows import WindowOptions, align_recording, align_windows, summary

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from certnav.datasets.sequence import ImuData, Sequence
-from certnav.datasets.simulator import SimulationConfig, simulate
-from certnav.datasets.trajectory import fixes_from_truth
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.nav.blind import blind_spells, is_gap
 from certnav.nav.config import Config, from_tables
 from certnav.nav.evaluation import evaluate

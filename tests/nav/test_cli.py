@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from certnav.datasets.great_writer import simulate_folder
-from certnav.datasets.simulator import SimulationConfig
+from certnav.datasets.great.writer import simulate_folder
+from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.nav.cli import main
 from certnav.nav.results import read_result
 

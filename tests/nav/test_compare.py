@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from certnav.datasets.load import load
-from certnav.datasets.simulator import SimulationConfig, simulate
-from certnav.datasets.trajectory import fixes_from_truth
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.errors import ConfigError, DataError
 from certnav.nav import compare_command
 from certnav.nav.alignment_windows import summary

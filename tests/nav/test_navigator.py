@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from certnav.datasets.simulator import SimulationConfig, simulate
-from certnav.datasets.trajectory import fixes_from_truth
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.errors import DataError
 from certnav.nav.config import from_tables
 from certnav.nav.gnss import gnss_timeline

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from certnav.datasets.sequence import GnssFixes, ImuData, Sequence
-from certnav.datasets.simulator import SimulationConfig, simulate
-from certnav.datasets.trajectory import fixes_from_truth
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.errors import AlignmentError, ConfigError, DataError
 from certnav.nav.config import from_tables
 from certnav.nav.evaluation import evaluate

@@ -8,11 +8,11 @@ import shutil
 import numpy as np
 import pytest
 
-from certnav.datasets.great import read_great
-from certnav.datasets.great_files import base_stations
-from certnav.datasets.great_writer import simulate_folder
+from certnav.datasets.great.files import base_stations
+from certnav.datasets.great.reader import read_great
+from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.rtklib import relative_positions
-from certnav.datasets.simulator import SimulationConfig
+from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.earth import C_en_of
 from certnav.filters.errors import ConfigError, DataError
 from certnav.nav.cli import main

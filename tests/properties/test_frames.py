@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from certnav.datasets import gpstime
 from certnav.datasets.axes import axes_matrix
-from certnav.datasets.great_writer import _dms
-from certnav.datasets.inertial_explorer import dms_to_radians
+from certnav.datasets.formats.inertial_explorer import dms_to_radians
+from certnav.datasets.great.writer import _dms
 from certnav.filters import earth
 from certnav.filters.errors import ConfigError
 from certnav.filters.rotation import (

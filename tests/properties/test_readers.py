@@ -11,16 +11,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from certnav.datasets.axes import axes_matrix
-from certnav.datasets.columns import open_text, read_columns
-from certnav.datasets.declaration import ACCEL_UNITS, GYRO_UNITS
-from certnav.datasets.great_writer import write_imu, write_reference
-from certnav.datasets.imu_text import read_imu_table, read_imu_text
-from certnav.datasets.inertial_explorer import read_reference_table
-from certnav.datasets.kfgins import read_nav
-from certnav.datasets.own_data import read_declared
-from certnav.datasets.rtklib_pos import read_pos
+from certnav.datasets.formats.inertial_explorer import read_reference_table
+from certnav.datasets.formats.kfgins import read_nav
+from certnav.datasets.formats.rtklib_pos import read_pos
+from certnav.datasets.great.writer import write_imu, write_reference
+from certnav.datasets.own.declaration import ACCEL_UNITS, GYRO_UNITS
+from certnav.datasets.own.reader import read_declared
 from certnav.datasets.sequence import ImuData, Reference
-from certnav.datasets.text_tables import read_table
+from certnav.datasets.text.columns import open_text, read_columns
+from certnav.datasets.text.imu import read_imu_table, read_imu_text
+from certnav.datasets.text.tables import read_table
 from certnav.filters.earth import C_en_at, C_en_of, ecef_to_lla, lla_to_ecef
 from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix
 from certnav.nav.config import (

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.earth import C_en_of
 from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy
 from certnav.nav.solution import Trajectory, Update

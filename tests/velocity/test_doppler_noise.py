@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import ConfigError, DataError
 from certnav.velocity.doppler_noise import (
     correlated_epochs,

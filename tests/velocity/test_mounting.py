@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import DataError
 from certnav.filters.rotation import matrix_from_rpy
 from certnav.velocity.mounting import calibrate_mounting, sequence_mounting

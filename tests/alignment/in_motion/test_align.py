@@ -11,7 +11,7 @@ from certnav.alignment.in_motion.align import align_inertial
 from certnav.alignment.in_motion.unknowns import InertialOptions
 from certnav.alignment.problem import ClockModel
 from certnav.alignment.solver.refinement import rotation_angle
-from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import AlignmentError, ConfigError
 from certnav.filters.sensors import imu_preset
 from certnav.filters.strapdown import InertialStream

@@ -16,7 +16,7 @@ from certnav.alignment.in_motion.rows import (
     inertial_track,
     joined,
 )
-from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.earth import gravity_e, lla_to_ecef
 from certnav.filters.errors import AlignmentError, DataError
 from certnav.filters.rotation import matrix_from_rotvec, skew

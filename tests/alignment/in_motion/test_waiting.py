@@ -9,7 +9,7 @@ from certnav.alignment.in_motion.unknowns import InertialOptions
 from certnav.alignment.in_motion.waiting import MotionOptions, attempts, wait_for_alignment
 from certnav.alignment.problem import ClockModel
 from certnav.alignment.solver.refinement import rotation_angle
-from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import AlignmentError, ConfigError
 from certnav.filters.strapdown import InertialStream
 from certnav.velocity.range_rate import DopplerNoise

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from certnav.datasets.load import load
-from certnav.datasets.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import ConfigError, DataError
 from certnav.velocity.doppler_noise import fit_doppler_noise, reference_residuals
 from certnav.velocity.study.attitude_effect import drift_effect

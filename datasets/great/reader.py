@@ -1,0 +1,326 @@
+"""GREAT sequences (Wuhan University): GREAT-Dataset and the sample data of GREAT-MSF.
+
+The files hold: IMU rates in right-forward-up axes, gyro in deg/s, accelerometer in m/s², stamped
+with GPS seconds of week and no week; the rover's RINEX; a reference from Inertial Explorer. What
+they do not hold is where the antenna is: two public sources contradict each other by 0.24 m, so
+a lever arm has to be named. Facts: GREAT-WHU/GREAT-Dataset (Readme, figures parameter1/2),
+GREAT-WHU/GREAT-MSF (manual 1.1, configuration files of the samples).
+
+A file ``great.toml`` in the folder may declare what the keyword arguments declare; the
+arguments win.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...filters.errors import ConfigError, DataError
+from ...filters.rotation import FloatArray, matrix_from_rpy
+from ...filters.sensors import imu_preset as _spec
+from .. import gpstime
+from ..formats.inertial_explorer import ReferenceTable, read_reference_table
+from ..physics import check_gravity, check_gyro, course_of, decide_gyro_unit, gyro_unit_ratio
+from ..sequence import Calibration, GnssObservations, ImuData, Reference
+from ..sequence import Sequence as Drive
+from ..text.imu import AXES, ImuTable, convert, read_imu_table
+from .files import SIDECAR, base_stations, choose_observations, find_files, first_observation
+from .files import is_great as is_great
+from .installation import IMU_PRESETS, Declared, antenna_lever, read_declared, reference_lever
+from .installation import WEEK_2020 as WEEK_2020
+
+
+def read_great(
+    path: str | Path,
+    *,
+    imu: str = "mems",
+    lever: str | ArrayLike | None = None,
+    reference_point: str | ArrayLike | None = None,
+    reference_body: str | None = None,
+    imu_preset: str | None = None,
+    week: int | None = None,
+    gyro_unit: str | None = None,
+    imu_file: str | Path | None = None,
+    reference_file: str | Path | None = None,
+    rinex: str | Path | None = None,
+    navigation: Sequence[str | Path] = (),
+    base: str | Path | Sequence[str | Path] = (),
+    systems: str = "GREC",
+    signals: str = "first",
+) -> Drive:
+    """Return one GREAT sequence.
+
+    Parameters
+    ----------
+    path : path
+        Folder of the sequence, in either layout.
+    imu : {'mems', 'tactical'}
+        Which IMU to navigate with.
+    lever : {'figure', 'msf_xml'} or array_like, shape (3,)
+        From that IMU to the antenna: a preset (2020 sequences only), or forward-right-down [m].
+        Required, here or in ``great.toml``.
+    reference_point : {'imu', 'antenna', 'mems', 'tactical'} or array_like, shape (3,)
+        Point the reference trajectory is of: the IMU navigated with, the antenna, one of the
+        IMUs, or a vector from the IMU, forward-right-down [m]. Required when there is one.
+    reference_body : {'imu', 'tactical'}, optional
+        Whose attitude the reference holds. Default 'tactical': GREAT's reference comes from the
+        tactical IMU, so that against the MEMS IMU a constant misalignment of about a degree
+        remains.
+    imu_preset : str, optional
+        Name of the noise model; default by `imu`.
+    week : int, optional
+        GPS week of the first IMU row; default from reference and RINEX, with which a declared
+        week has to agree.
+    gyro_unit : {'auto', 'deg/s', 'rad/s'}, optional
+        Default 'auto': told from the course. 'deg/s' is what GREAT's configuration files say.
+    imu_file, reference_file, rinex : path, optional
+        Files to take where the folder has several or none.
+    navigation : sequence of path
+        Broadcast ephemerides, where the folder has none.
+    base : path or sequence of path
+        Observations of one base station, where the folder has none or those of several.
+    systems, signals : str
+        As in `datasets.rtklib.read_observations`.
+
+    Raises
+    ------
+    DataError
+        A missing or unreadable file, or data that contradict each other or physics.
+    ConfigError
+        Something that has to be declared and is not, or not a known value.
+    """
+    folder = Path(path)
+    if imu not in IMU_PRESETS:
+        raise ConfigError(f"imu: expected 'mems' or 'tactical', found {imu!r}")
+    declared = read_declared(
+        folder,
+        imu,
+        lever=lever,
+        reference_point=reference_point,
+        reference_body=reference_body,
+        imu_preset=imu_preset,
+        week=week,
+        gyro_unit=gyro_unit,
+    )
+    files = _files(folder, imu, declared, imu_file, reference_file, rinex, navigation, base)
+    table = read_imu_table(files["imu"])
+    trajectory = read_reference_table(files["reference"]) if files["reference"] else None
+    found_week = _week(declared.week, table, trajectory, files)
+    start, end = gpstime.from_week_sow(found_week, table.sow[[0, -1]])
+    observations_file = choose_observations(tuple(files["observations"]), start, end)
+
+    from ..rtklib import read_observations
+
+    observations = read_observations(
+        observations_file, files["navigation"], systems=systems, signals=signals
+    )
+    data, physics_notes = _imu(table, found_week, declared, trajectory, observations, files)
+    lever_b, lever_source = antenna_lever(declared, imu, found_week)
+    notes = [
+        f"GREAT: {files['imu'].name}, {observations_file.name}, GPS week {found_week}",
+        *table.notes,
+        *physics_notes,
+        "IMU rows are rates, read as means over the interval that ends at their stamp; axes "
+        "right-forward-up turned to forward-right-down",
+        f"lever arm IMU→antenna {lever_b.round(3)} m (forward, right, down): {lever_source}",
+        "mounting of the IMU in the vehicle: "
+        + ("not documented, taken as aligned" if declared.lever_vehicle is None else "declared"),
+    ]
+    base_station, base_note = _base_station(files, start, end)
+    if base_note:
+        notes.append(base_note)
+    reference = None
+    if trajectory is not None:
+        reference, more = _reference(declared, imu, found_week, trajectory, lever_b)
+        notes += [*trajectory.notes, *more]
+    else:
+        notes.append("no reference found")
+    return Drive(
+        name=folder.resolve().name,
+        imu=data,
+        calibration=_calibration(declared, lever_b, lever_source),
+        observations=observations,
+        navigation=tuple(files["navigation"]),
+        reference=reference,
+        notes=tuple(notes),
+        rover_file=observations_file,
+        base=base_station,
+    )
+
+
+def _calibration(declared: Declared, lever_b: FloatArray, lever_source: str) -> Calibration:
+    """Return the calibration; vehicle constraints need mounting and wheels, both declared."""
+    spec, rpy, wheels = (
+        _spec(declared.imu_preset),
+        declared.mounting_rpy_deg,
+        declared.lever_vehicle,
+    )
+    if rpy is None or wheels is None:
+        return Calibration(spec, lever_b, lever_source)
+    return Calibration(
+        spec,
+        lever_b,
+        lever_source,
+        C_bv=matrix_from_rpy(np.radians(rpy)).T,
+        lever_vehicle_b=wheels,
+        mounting_source=f"declared in {SIDECAR}",
+    )
+
+
+def _files(
+    folder: Path,
+    imu: str,
+    declared: Declared,
+    imu_file: str | Path | None,
+    reference_file: str | Path | None,
+    rinex: str | Path | None,
+    navigation: Sequence[str | Path],
+    base: str | Path | Sequence[str | Path],
+) -> dict[str, Any]:
+    """Return the files to read: those named in the call, else those found in the folder."""
+    if not folder.is_dir():
+        raise DataError("no such folder", file=folder, remedy="check the path")
+    named = {"imu": imu_file, "reference": reference_file}
+    found = find_files(
+        folder,
+        imu=imu,
+        reference_point=declared.reference_point,
+        named={key: Path(value) for key, value in named.items() if value is not None},
+    )
+    if isinstance(navigation, str | Path):
+        navigation = [navigation]
+    if isinstance(base, str | Path):
+        base = [base]
+    files = {
+        "imu": found.imu,
+        "reference": found.reference,
+        "observations": [Path(rinex)] if rinex is not None else list(found.observations),
+        "navigation": [Path(n) for n in navigation] or list(found.navigation),
+        "base": [Path(b) for b in base],
+        "bases found": found.base,
+    }
+    for what, option in (("observations", "rinex"), ("navigation", "navigation")):
+        if not files[what]:
+            raise DataError(
+                f"no RINEX {what} found here or in a GNSS_RAW_DATA folder beside it",
+                file=folder,
+                remedy=f"name the files with {option}=…",
+            )
+    return files
+
+
+def _base_station(files: dict[str, Any], start: float, end: float) -> tuple[tuple[Path, ...], str]:
+    """Return the files of the base station and a note; none where there are several stations."""
+    chosen = tuple(files["base"])
+    if not chosen:
+        stations = base_stations(files["bases found"], start, end)
+        if len(stations) > 1:
+            names = ", ".join(stations)
+            return (), f"several base stations ({names}): for RTK, name the files with base=…"
+        chosen = next(iter(stations.values()), ())
+    names = ", ".join(file.name for file in chosen)
+    return chosen, f"base station {names}: used with gnss.position = 'rtk'" if chosen else ""
+
+
+def _week(
+    declared: int | None, table: ImuTable, trajectory: ReferenceTable | None, files: dict[str, Any]
+) -> int:
+    """Return the GPS week of the first IMU row, on which all sources have to agree."""
+    sources: list[tuple[int, str]] = []
+    if declared is not None:
+        sources.append((int(declared), "declared"))
+    if trajectory is not None:
+        where = f"{files['reference']}:{trajectory.week_line}"
+        sources.append((trajectory.week, where))
+    if len(files["observations"]) == 1:
+        rinex = files["observations"][0]
+        # A recording that begins before midnight on Saturday belongs to the week before.
+        first = first_observation(rinex)
+        sow = first - gpstime.SECONDS_PER_WEEK * np.floor(first / gpstime.SECONDS_PER_WEEK)
+        later = sow > table.sow[0] + gpstime.SECONDS_PER_WEEK / 2
+        sources.append((int(first // gpstime.SECONDS_PER_WEEK) + int(later), str(rinex)))
+    if not sources:
+        raise ConfigError("GPS week unknown: no reference, several RINEX files; declare week=…")
+    week, where = sources[0]
+    for other, origin in sources[1:]:
+        if other != week:
+            raise DataError(
+                f"GPS week {week} ({where}) and {other} ({origin}) contradict each other",
+                file=table.file,
+                remedy="the IMU file holds no week: correct the declared one, or the wrong file",
+            )
+    return week
+
+
+def _imu(
+    table: ImuTable,
+    week: int,
+    declared: Declared,
+    trajectory: ReferenceTable | None,
+    observations: GnssObservations,
+    files: dict[str, Any],
+) -> tuple[ImuData, list[str]]:
+    """Convert the IMU after telling, or verifying, the gyro's unit against the course."""
+    if trajectory is not None:
+        time, course = trajectory.time, course_of(trajectory.pos_e, trajectory.vel_e)
+    else:
+        time, course = _single_point_course(observations, files["navigation"])
+    notes = []
+    unit = declared.gyro_unit
+    if unit == "auto":
+        down = (table.gyro @ AXES["RFU"].T)[:, 2]
+        start = gpstime.from_week_sow(week, 0.0)
+        ratio = gyro_unit_ratio(start + table.sow, down, time, course)
+        unit, evidence = decide_gyro_unit(ratio, file=table.file)
+        notes.append(evidence)
+    data = convert(table, week=week, gyro_unit=unit, accel_unit="m/s2", axes="RFU")
+    notes.append(check_gravity(data.accel_b, file=table.file, declared="m/s², RFU"))
+    if declared.gyro_unit != "auto":
+        notes.append(check_gyro(data, time, course, file=table.file, declared=f"{unit}, RFU"))
+    return data, notes
+
+
+def _single_point_course(
+    observations: GnssObservations, navigation: Sequence[Path]
+) -> tuple[FloatArray, FloatArray]:
+    """Return time and course from differenced single-point positions (no reference at hand)."""
+    from ..rtklib import single_point
+
+    fixes = single_point(observations, navigation, elevation_mask=np.radians(10.0)).fixes
+    if len(fixes) < 3:
+        return np.empty(0), np.empty(0)
+    step = np.diff(fixes.time)
+    vel_e = np.diff(fixes.pos_e, axis=0) / step[:, None]
+    middle = 0.5 * (fixes.pos_e[1:] + fixes.pos_e[:-1])
+    # metre-level positions a second apart: only fast driving gives a course
+    return fixes.time[:-1] + 0.5 * step, course_of(middle, vel_e, min_speed=5.0)
+
+
+def _reference(
+    declared: Declared, imu: str, week: int, table: ReferenceTable, lever_b: FloatArray
+) -> tuple[Reference, list[str]]:
+    """Put the reference on its declared point and its attitude on its declared body."""
+    vector, name = reference_lever(declared, imu, week, lever_b)
+    same = declared.reference_body == "imu" or imu == "tactical"
+    note = f"reference of the {name}, {vector.round(3)} m from the IMU, as declared; attitude of "
+    note += (
+        "the IMU navigated with"
+        if same
+        else "the tactical IMU: a constant misalignment to the MEMS IMU (pitch about −0.65°, "
+        "heading up to 1.7° in GREAT-MSF's manual) remains in attitude differences"
+    )
+    reference = Reference(
+        time=table.time,
+        pos_e=table.pos_e,
+        vel_e=table.vel_e,
+        rpy=table.rpy,
+        lever_b=vector,
+        point=name,
+        source=declared.reference_source,
+        attitude_frame="b" if same else "v",
+    )
+    return reference, [note]

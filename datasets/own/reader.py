@@ -1,0 +1,341 @@
+"""Own recordings by declaration: from ``sequence.toml`` and the files it names to a `Sequence`.
+
+Nothing is assumed that is not declared, and what is declared is tested: specific force against
+gravity, the yaw gyro against the course, velocities against differenced positions.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from ...filters.errors import ConfigError, DataError
+from ...filters.rotation import FloatArray
+from ..physics import check_gravity, check_gyro, course_of
+from ..sequence import (
+    Calibration,
+    GnssFixes,
+    GnssObservations,
+    ImuData,
+    Odometer,
+    Reference,
+    Sequence,
+)
+from ..text.columns import Column
+from ..text.imu import rates_from_increments
+from ..text.tables import sampling_note
+from ..time_scales import TimeScale
+from .declaration import (
+    ACCEL_UNITS,
+    GNSS_FORMATS,
+    GYRO_UNITS,
+    LEVER_LINE,
+    NAME,
+    SPEED_UNITS,
+    Declaration,
+    Section,
+    imu_axes,
+    imu_spec,
+    lever,
+    mounting,
+    read_declaration,
+)
+from .pvt_columns import read_pvt, read_timed
+from .reference import read_reference
+
+
+def is_declared(folder: Path) -> bool:
+    """Return whether the folder holds ``sequence.toml``."""
+    return (folder / NAME).is_file()
+
+
+def read_declared(path: str | Path) -> Sequence:
+    """Return a recording as its declaration says.
+
+    Parameters
+    ----------
+    path : path
+        The declaration, or the folder of ``sequence.toml``.
+
+    Raises
+    ------
+    ConfigError
+        What is needed and not declared, with the line to add, or not a known key or value.
+    DataError
+        Unreadable files, or declared facts that physics contradicts.
+    """
+    declared = read_declaration(path)
+    _one_kind_of_time(declared)
+    antenna = declared.required("antenna", f"[antenna] and {LEVER_LINE}  # IMU to antenna")
+    lever_b = lever(antenna, "lever_frd_m", f"{LEVER_LINE}  # IMU to antenna, forward right down")
+    C_bv = mounting(declared)
+    spec = imu_spec(declared)
+    imu, imu_notes = _imu(declared)
+    observations, navigation, rover = _rinex(declared)
+    fixes, fix_notes = _fixes(declared)
+    if observations is None and fixes is None:
+        raise ConfigError(
+            f"{declared.file}: no GNSS is declared — add [gnss] (positions in a file) or [rinex] "
+            "(observations and navigation)"
+        )
+    vehicle = declared.sections["vehicle"]
+    wheels = lever(vehicle, "wheels_frd_m", "") if vehicle.has("wheels_frd_m") else np.zeros(3)
+    calibration = Calibration(
+        imu=spec,
+        lever_antenna_b=lever_b,
+        lever_antenna_source=antenna.text("source", "", default=f"declared in {NAME}"),
+        lever_antenna_sigma=float(antenna.numbers("lever_sigma_m", (1,), "", np.zeros(1))[0]),
+        C_bv=C_bv,
+        lever_vehicle_b=wheels,
+        # Vehicle constraints need both the mounting and the point the wheels constrain.
+        mounting_source=f"declared in {NAME}" if vehicle.has("wheels_frd_m") else "",
+    )
+    reference, reference_notes = read_reference(declared, lever_b, wheels)
+    time, course = _course(fixes, reference, observations, navigation)
+    physics_notes = _verify_imu(declared, imu, C_bv, time, course)
+    relative = declared.time_scale(declared.sections["imu"]).is_relative
+    return Sequence(
+        name=declared.name,
+        imu=imu,
+        calibration=calibration,
+        observations=observations,
+        navigation=navigation,
+        fixes=fixes,
+        odometer=_odometer(declared),
+        reference=reference,
+        time_scale="relative" if relative else "gps",
+        rover_file=rover,
+        notes=(
+            *imu_notes,
+            *physics_notes,
+            f"IMU noise: {spec.name}, {spec.source}",
+            f"lever arm IMU→antenna {lever_b} m (forward, right, down), as declared",
+            *fix_notes,
+            *reference_notes,
+        ),
+    )
+
+
+def _one_kind_of_time(declared: Declaration) -> None:
+    """Refuse files with dates beside files without."""
+    kinds = {}
+    for name in ("imu", "gnss", "odometer", "reference"):
+        section = declared.section(name)
+        if section is None or section.values.get("format") == "kf-gins":
+            continue
+        by_itself = section.values.get("format", "csv") != "csv"  # formats that hold dates
+        kinds[name] = not by_itself and declared.time_scale(section).is_relative
+    if declared.section("rinex"):
+        kinds["rinex"] = False
+    if len(set(kinds.values())) > 1:
+        bare = ", ".join(f"[{name}]" for name, relative in kinds.items() if relative)
+        dated = ", ".join(f"[{name}]" for name, relative in kinds.items() if not relative)
+        raise ConfigError(
+            f"{declared.file}: time of {bare} is relative, that of {dated} has a date: they "
+            'cannot be put on one axis — if you know when the clock started: time_scale = "gps", '
+            "time_offset_s = that GPS time"
+        )
+
+
+def _imu(declared: Declaration) -> tuple[ImuData, list[str]]:
+    section = declared.required("imu", '[imu] and file = "imu.csv"')
+    gyro_unit = section.choice("gyro_unit", GYRO_UNITS, 'gyro_unit = "deg/s"')
+    accel_unit = section.choice("accel_unit", ACCEL_UNITS, 'accel_unit = "m/s2"')
+    C_bs = imu_axes(section)
+    numbers = {
+        "gyro": section.columns("gyro", (3,), 'gyro = ["gx", "gy", "gz"]'),
+        "accel": section.columns("accel", (3,), 'accel = ["ax", "ay", "az"]'),
+    }
+    kind = section.choice("samples", ("mean", "instant"), 'samples = "mean"', default="mean")
+    columns, time = read_timed(section, declared.time_scale(section), numbers)
+    if time.size < 2:
+        raise DataError(f"expected at least 2 rows, found {time.size}", file=columns.table.file)
+    notes = [sampling_note(time, f"IMU {columns.table.file.name}")]
+    parts = []
+    for key, (factor, increments) in (
+        ("gyro", GYRO_UNITS[gyro_unit]),
+        ("accel", ACCEL_UNITS[accel_unit]),
+    ):
+        value = columns.numbers[key] * factor
+        if increments:
+            value = rates_from_increments(time, value)
+        elif kind == "instant":
+            value = np.vstack([value[:1], 0.5 * (value[1:] + value[:-1])])
+        parts.append(value @ C_bs.T)
+    notes.append(
+        f"IMU as declared: {gyro_unit}, {accel_unit}, axes {section.values['axes']}; "
+        + (
+            "instantaneous samples averaged with the one before"
+            if kind == "instant"
+            else "each row the mean (or the increment) over the interval that ends at its stamp"
+        )
+    )
+    return ImuData(time, *parts), notes
+
+
+def _rinex(
+    declared: Declaration,
+) -> tuple[GnssObservations | None, tuple[Path, ...], Path | None]:
+    section = declared.section("rinex")
+    if section is None:
+        return None, (), None
+    from ..rtklib import read_observations
+    from ..text.rinex_packing import plain_rinex
+
+    home = section.file.parent
+    name = section.text("observations", 'observations = "rover.obs"')
+    files = section.values.get("navigation")
+    files = [files] if isinstance(files, str) else files
+    if (
+        not isinstance(files, list)
+        or not files
+        or not all(isinstance(f, str) and "\0" not in f for f in files)
+    ):
+        raise section.missing('navigation = ["brdc.nav"]', "broadcast ephemerides")
+    navigation = tuple(plain_rinex(home / f) for f in files)
+    rover = plain_rinex(home / name)
+    observations = read_observations(
+        rover,
+        navigation,
+        systems=section.text("systems", "", default="GREC"),
+        signals=section.choice("signals", ("first", "all"), "", default="first"),
+    )
+    return observations, navigation, rover
+
+
+def _fixes(declared: Declaration) -> tuple[GnssFixes | None, list[str]]:
+    section = declared.section("gnss")
+    if section is None:
+        return None, []
+    kind = section.choice("format", GNSS_FORMATS, 'format = "csv"', default="csv")
+    if kind == "csv":
+        fixes, notes = _fixes_of_columns(section, declared.time_scale(section))
+    else:
+        fixes, notes = _fixes_of_format(declared, section, kind)
+    if len(fixes) < 2:
+        raise DataError(f"expected at least 2 positions, found {len(fixes)}", file=section.path())
+    return fixes, [sampling_note(fixes.time, f"GNSS {section.values['file']}"), *notes]
+
+
+def _fixes_of_columns(section: Section, scale: TimeScale) -> tuple[GnssFixes, list[str]]:
+    extra: dict[str, tuple[Column, ...]] = {}
+    text: dict[str, tuple[Column, ...]] = {}
+    if section.has("satellites"):
+        extra["satellites"] = section.columns("satellites", (1,), "")
+    if section.has("quality"):
+        text["quality"] = section.columns("quality", (1,), "")
+    pvt = read_pvt(section, scale, deviations=True, extra=extra, text=text)
+    n = pvt.time.size
+    satellites = pvt.columns.numbers.get("satellites", np.full((n, 1), -1.0))[:, 0]
+    fixes = GnssFixes(
+        time=pvt.time,
+        pos_e=pvt.pos_e,
+        pos_cov_e=pvt.pos_cov_e,
+        vel_e=pvt.vel_e,
+        vel_cov_e=pvt.vel_cov_e,
+        satellites=np.where(np.isfinite(satellites), satellites, -1).astype(int),
+        quality=np.array(pvt.columns.text.get("quality", ["declared"] * n)),
+    )
+    without = n - int(fixes.has_velocity.sum())
+    notes = list(pvt.notes)
+    if section.has("velocity") and without:
+        notes.append(f"{without} of {n} GNSS rows have no velocity")
+    return fixes, notes
+
+
+def _fixes_of_format(
+    declared: Declaration, section: Section, kind: str
+) -> tuple[GnssFixes, list[str]]:
+    """Return the fixes of a format that says itself what its columns are."""
+    path = section.path()
+    offset = float(section.numbers("time_offset_s", (1,), "", np.zeros(1))[0])
+    notes: tuple[str, ...] = ()
+    if kind == "rtklib":
+        from ..formats.rtklib_pos import read_pos
+
+        fixes = read_pos(path)
+    elif kind == "great-pvt":
+        from ..great.pvt import read_flt
+
+        fixes, notes = read_flt(path, week=declared.week(section))
+    elif kind == "kf-gins":
+        from ..formats.kfgins import read_gnss
+
+        fixes = read_gnss(path, week=declared.week(section))
+    else:
+        from ..formats.receiver_logs import read_nmea, read_ubx
+
+        sigma = section.numbers("position_sigma_m", (1, 3), "", np.empty(0))
+        fixes, notes = (
+            read_ubx(path)
+            if kind == "ubx"
+            else read_nmea(path, position_sigma=sigma if sigma.size else None)
+        )
+    if offset:
+        fixes = dataclasses.replace(fixes, time=fixes.time + offset)
+    return fixes, list(notes)
+
+
+def _odometer(declared: Declaration) -> Odometer | None:
+    section = declared.section("odometer")
+    if section is None:
+        return None
+    speed_unit = section.choice("speed_unit", SPEED_UNITS, 'speed_unit = "m/s"')
+    numbers = {"speed": section.columns("speed", (1,), 'speed = "speed"')}
+    factor = 0.0
+    if section.has("yaw_rate"):
+        numbers["yaw_rate"] = section.columns("yaw_rate", (1,), "")
+        unit = section.choice("yaw_rate_unit", ("rad/s", "deg/s"), 'yaw_rate_unit = "rad/s"')
+        axis = section.choice(
+            "yaw_rate_axis", ("down", "up"), 'yaw_rate_axis = "up"', "up: left turns positive"
+        )
+        factor = GYRO_UNITS[unit][0] * (1.0 if axis == "down" else -1.0)
+    columns, time = read_timed(section, declared.time_scale(section), numbers)
+    return Odometer(
+        time=time,
+        speed=columns.numbers["speed"][:, 0] * SPEED_UNITS[speed_unit],
+        yaw_rate=columns.numbers["yaw_rate"][:, 0] * factor if factor else None,
+    )
+
+
+def _course(
+    fixes: GnssFixes | None,
+    reference: Reference | None,
+    observations: GnssObservations | None,
+    navigation: tuple[Path, ...],
+) -> tuple[FloatArray, FloatArray]:
+    """Return time and course of the best source there is: velocities before differences."""
+    for record in (fixes, reference):
+        if record is not None and np.isfinite(record.vel_e).any():
+            return record.time, course_of(record.pos_e, record.vel_e)
+    if fixes is None:
+        if observations is None:
+            return np.empty(0), np.empty(0)
+        from ..rtklib import single_point
+
+        fixes = single_point(observations, navigation, elevation_mask=np.radians(10.0)).fixes
+    if len(fixes) < 3:
+        return np.empty(0), np.empty(0)
+    stride = max(1, round(1.0 / float(np.median(np.diff(fixes.time)))))
+    time, pos_e = fixes.time[::stride], fixes.pos_e[::stride]
+    step = np.diff(time)
+    # positions a second apart, good to metres: only fast driving gives a course
+    vel_e = np.diff(pos_e, axis=0) / step[:, None]
+    return time[:-1] + 0.5 * step, course_of(pos_e[1:], vel_e, min_speed=5.0)
+
+
+def _verify_imu(
+    declared: Declaration, imu: ImuData, C_bv: FloatArray, time: FloatArray, course: FloatArray
+) -> list[str]:
+    """Test the declared units and axes in the vehicle's axes, and return the evidence."""
+    section = declared.sections["imu"]
+    file, axes = section.path(), section.values["axes"]
+    force = f"{section.values['accel_unit']}, {axes}"
+    rates = f"{section.values['gyro_unit']}, {axes}"
+    notes = [check_gravity(imu.accel_b @ C_bv, file=file, declared=force)]
+    turned = ImuData(imu.time, imu.gyro_b @ C_bv, imu.accel_b @ C_bv)
+    if time.size < 3 or time[-1] < imu.time[0] or time[0] > imu.time[-1]:
+        return notes  # no overlap: `Sequence` says so
+    return [*notes, check_gyro(turned, time, course, file=file, declared=rates)]
