@@ -23,7 +23,7 @@ from certnav.filters.error_model import ErrorModel
 from certnav.filters.measurement_update import compiled, with_filterpy
 from certnav.filters.sensors import imu_preset
 from certnav.filters.strapdown import InertialStream, NavState
-from certnav.nav._text import row_blocks
+from certnav.nav.results.text import row_blocks
 
 SAMPLES, RATE = 20_000, 200.0
 

@@ -17,11 +17,11 @@ import numpy as np
 from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.load import load
 from certnav.datasets.simulation.simulator import SimulationConfig
-from certnav.nav.check import check
+from certnav.nav.check.recording import check
 from certnav.nav.config import load_config, to_toml
-from certnav.nav.evaluation import evaluate
+from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate
-from certnav.nav.results import read_result, write_result
+from certnav.nav.results.directory import read_result, write_result
 
 work = Path(tempfile.mkdtemp())
 

@@ -17,7 +17,7 @@ from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.earth import C_en_of, ecef_to_lla
 from certnav.filters.errors import NavError
-from certnav.nav.check import check
+from certnav.nav.check.recording import check
 from certnav.nav.config import Config
 from certnav.nav.pipeline import navigate
 

@@ -2,13 +2,13 @@
 
     navigator = Navigator(calibration, config, imu_interval=0.01)
     navigator.add_imu(time, gyro_b, accel_b)         # every sample, in order
-    navigator.add_gnss(event)                        # nav.gnss.GnssEvent, when it arrives
+    navigator.add_gnss(event)                        # nav.engine.gnss.GnssEvent, when it arrives
     state = navigator.state                          # NavState, or None before alignment
 
 Events are worked off `latency` behind the IMU, so that a fix that takes its time still finds the
-filter at its epoch; `state` is carried on to the latest sample. Until there is an attitude they
-are kept, too, and looked at one by one (`nav.start.StartFinder`); levelling in motion finds one in
-the past, and then they are worked off from there. An event that arrives later than `latency` is
+filter at its epoch; `state` is carried on to the latest sample. Until there is an attitude they are
+kept, too, and looked at one by one (`nav.engine.start.StartFinder`); levelling in motion finds one
+in the past, and then they are worked off from there. An event that arrives later than `latency` is
 logged as late and not used.
 """
 
@@ -27,13 +27,13 @@ from ..filters.errors import AlignmentError, DataError
 from ..filters.rotation import FloatArray
 from ..filters.sensors import imu_preset
 from ..filters.strapdown import InertialStream, NavState, integrate
-from .blind import Spell, is_gap
 from .config import Config
-from .gnss import GnssEvent
-from .loop import FilterLoop
+from .engine.blind import Spell, is_gap
+from .engine.gnss import GnssEvent
+from .engine.loop import FilterLoop
+from .engine.start import Start, StartFinder, start_filter
+from .engine.vehicle import VehicleConstraints
 from .solution import Update
-from .start import Start, StartFinder, start_filter
-from .vehicle import VehicleConstraints
 
 
 class LiveStream(InertialStream):

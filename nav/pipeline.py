@@ -17,16 +17,16 @@ from ..filters.sensors import imu_preset
 from ..filters.smoother import smooth
 from ..filters.strapdown import InertialStream
 from ._frames import ned_covariances
-from .blind import Spell, blind_spells
+from .check.findings import clock
 from .config import Config
-from .doubts import doubts
-from .findings import clock
-from .gnss import gnss_timeline
-from .loop import Diverged, FilterLoop
+from .engine.blind import Spell, blind_spells
+from .engine.doubts import doubts
+from .engine.gnss import gnss_timeline
+from .engine.loop import Diverged, FilterLoop
+from .engine.start import find_start, start_filter
+from .engine.vehicle import VehicleConstraints
 from .solution import Solution, Trajectory
-from .start import find_start, start_filter
 from .sweep import in_order
-from .vehicle import VehicleConstraints
 
 Progress = Callable[[float, str], None]
 

@@ -6,7 +6,7 @@ smartLoc Berlin1 (u-blox M8T in street canyons, odometer and yaw rate), all rows
 40 dB-Hz, and the rows labelled line of sight; comma2k19 (u-blox M8 on a motorway) with gyros and
 wheel speed, and with the IMU alone. Windows of 15 s every 5 s. 'SDP' is the paper's: assumed noise,
 a linear clock, all rows given. 'robust': noise, correlation and clock fitted to the recording
-without its reference (`nav.alignment_noise`), the vehicle level within 2° (1σ), a consensus of the
+without its reference (`nav.windows.noise`), the vehicle level within 2° (1σ), a consensus of the
 rows. 40 dB-Hz is where the noise model says that reflections begin (`velocity.range_rate`).
 
 A verdict is wrong if it passed and the heading is further off than the bound. smartLoc's reference
@@ -34,15 +34,15 @@ from certnav.datasets.sequence import Sequence
 from certnav.filters.earth import C_en_of
 from certnav.filters.rotation import wrap_angle
 from certnav.filters.strapdown import InertialStream
-from certnav.nav.alignment_noise import WindowNoise
-from certnav.nav.alignment_windows import (
+from certnav.nav.results.summary import strict
+from certnav.nav.windows.noise import WindowNoise
+from certnav.nav.windows.recording import (
     WindowOptions,
     align_recording,
     prepared_observations,
     reference_heading,
     summary,
 )
-from certnav.nav.summary import strict
 
 #: 1σ: a slope of 6 % is 3.4°. 3° would already make the bound 11°, above the limit of 10°.
 LEVEL_DEG = 2.0

@@ -20,8 +20,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from certnav.datasets.load import load
-from certnav.nav.alignment_windows import WindowOptions, align_windows, summary
-from certnav.nav.summary import strict
+from certnav.nav.results.summary import strict
+from certnav.nav.windows.recording import WindowOptions, align_windows, summary
 
 METHODS = ("sdp", "voba", "gauss-newton")
 NAMES = {"voba": "VOBA", "gauss-newton": "Gauss–Newton from identity", "sdp": "SDP"}

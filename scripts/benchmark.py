@@ -54,7 +54,7 @@ from certnav.filters.error_model import ErrorModel
 from certnav.filters.rotation import FloatArray, matrix_from_rpy
 from certnav.filters.sensors import imu_preset
 from certnav.filters.strapdown import InertialStream, NavState
-from certnav.nav.formats import format_rows
+from certnav.nav.results.formats import format_rows
 from certnav.velocity.forward_motion import ForwardMotion
 from certnav.velocity.range_rate import DopplerRows
 from certnav.velocity.study.pairs import all_pairs
@@ -170,7 +170,7 @@ def write_text(data: Drive, folder: Path) -> None:
 def text_run(folder: Path, out: Path, cache: Path | None = None) -> tuple[float, float, float]:
     """Run the command line on a folder; return wall and processor time [s], peak memory [MB]."""
     command = [
-        sys.executable, "-m", "certnav.nav.cli", "run", str(folder), "--out", str(out),
+        sys.executable, "-m", "certnav.nav.commands.cli", "run", str(folder), "--out", str(out),
         "--only", "nav",
     ]  # fmt: skip
     settings = [

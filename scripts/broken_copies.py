@@ -28,8 +28,8 @@ from certnav.datasets.great.writer import simulate_folder, write_reference
 from certnav.datasets.load import load
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.earth import C_en_of
-from certnav.nav.check import check
-from certnav.nav.findings import Report
+from certnav.nav.check.findings import Report
+from certnav.nav.check.recording import check
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("CERTNAV_DATA", ROOT.parent / "shared" / "data"))

@@ -34,9 +34,9 @@ from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.earth import SPEED_OF_LIGHT, C_en_of
 from certnav.filters.errors import NavError
-from certnav.nav.check import check_sequence
+from certnav.nav.check.recording import check_sequence
 from certnav.nav.config import from_tables
-from certnav.nav.evaluation import Evaluation, evaluate
+from certnav.nav.evaluation.accuracy import Evaluation, evaluate
 from certnav.nav.pipeline import navigate
 from certnav.nav.solution import Solution
 

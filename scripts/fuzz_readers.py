@@ -84,7 +84,7 @@ def _draft(folder: Path) -> None:
 
 def _check(folder: Path) -> None:
 
-    from certnav.nav.check import check
+    from certnav.nav.check.recording import check
 
     report = check(folder)
     report.text()

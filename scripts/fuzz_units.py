@@ -12,7 +12,7 @@ from fuzz_seeds import UNIT_FORMATS
 
 from certnav.datasets.load import load
 from certnav.filters.errors import NavError
-from certnav.nav.check import check
+from certnav.nav.check.recording import check
 
 
 def silent_units(folder: Path) -> dict[str, Any]:

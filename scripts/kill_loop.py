@@ -28,9 +28,9 @@ from pathlib import Path
 from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.errors import NavError
-from certnav.nav.cli import main as main_of_certnav
-from certnav.nav.placing import broken_seals, current
-from certnav.nav.results import read_result
+from certnav.nav.commands.cli import main as main_of_certnav
+from certnav.nav.results.directory import read_result
+from certnav.nav.results.placing import broken_seals, current
 
 
 @dataclass

@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from certnav.datasets.load import load
 from certnav.datasets.sequence import Sequence
 from certnav.filters.earth import C_en_of
-from certnav.nav import cli
-from certnav.nav.results import Result, read_result
+from certnav.nav.commands import cli
+from certnav.nav.results.directory import Result, read_result
 
 SETS = [
     "comma2k19-example1",

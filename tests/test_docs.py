@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from certnav.nav.cli import _parser
+from certnav.nav.commands.cli import _parser
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

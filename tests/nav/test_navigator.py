@@ -7,7 +7,7 @@ from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.errors import DataError
 from certnav.nav.config import from_tables
-from certnav.nav.gnss import gnss_timeline
+from certnav.nav.engine.gnss import gnss_timeline
 from certnav.nav.navigator import Navigator
 from certnav.nav.pipeline import navigate
 

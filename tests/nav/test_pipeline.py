@@ -10,8 +10,8 @@ from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.errors import AlignmentError, ConfigError, DataError
 from certnav.nav.config import from_tables
-from certnav.nav.evaluation import evaluate
-from certnav.nav.gnss import gnss_timeline, sources
+from certnav.nav.engine.gnss import gnss_timeline, sources
+from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate
 
 

@@ -32,9 +32,9 @@ from certnav.nav.config import (
     load_config,
     to_toml,
 )
-from certnav.nav.formats import write_nav, write_pos, write_tum
+from certnav.nav.results.formats import write_nav, write_pos, write_tum
+from certnav.nav.results.tables import read_solution, write_solution
 from certnav.nav.solution import Epochs, Trajectory
-from certnav.nav.tables import read_solution, write_solution
 
 seeds = st.integers(0, 2**32 - 1)
 WEEK = 2129

@@ -151,8 +151,8 @@ def test_two_imus_in_one_folder_ask_for_one(folder):
 
 
 def test_what_this_program_writes_is_read_back(tmp_path):
-    """`nav.formats.write_nav` writes a KF-GINS result."""
-    from certnav.nav.formats import write_nav
+    """`nav.results.formats.write_nav` writes a KF-GINS result."""
+    from certnav.nav.results.formats import write_nav
     from certnav.nav.solution import Epochs, Trajectory
 
     n, rng = 20, np.random.default_rng(3)

@@ -1,0 +1,308 @@
+"""``certnav check``: is this recording what it is declared to be, and can it be navigated?
+
+Reading comes first: what a reader refuses is a fatal finding. What it lets pass is tested
+against physics, part by part; a part that cannot be tested says so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...datasets import gpstime
+from ...datasets.physics import collected_refusals
+from ...datasets.sequence import Sequence
+from ...filters.earth import SPEED_OF_LIGHT
+from ...filters.errors import ConfigError, DataError, NavError
+from ...filters.rotation import FloatArray
+from ..config import GnssConfig
+from . import motion
+from .findings import Finding, Report, clock, in_order
+from .gnss import gnss_findings
+from .inertial import inertial_findings
+from .reference import reference_findings
+from .tracks import Track, Tracks, differenced, thinned, tracks
+
+#: Parts that overlap the IMU for less than this share of their time are doubtful.
+_OVERLAP = 0.5
+#: So much of the IMU's time has GNSS, or it is worth a doubt.
+_GNSS_COVER = 0.8
+#: Single-point positions computed to compare the reference with.
+_FIXES = 250
+
+
+#: A finding (subject, severity), and whose doubts come from it.
+_CONSEQUENCES = (
+    (("gyro", "fatal"), "gyro noise"),
+    (("gyro", "fatal"), "gyro bias"),
+    (("gravity", "fatal"), "accelerometer noise"),
+    (("gravity", "fatal"), "accelerometer axes"),
+    (("time, reference and GNSS", "doubtful"), "time, IMU and reference"),
+    *(
+        (("IMU sampling", "fatal"), subject)
+        for subject in (
+            *("gyro", "gyro noise", "gyro bias"),
+            *("accelerometer", "accelerometer noise", "accelerometer axes"),
+        )
+    ),
+)
+
+
+def check(path: str | Path, options: Mapping[str, Any] | None = None) -> Report:
+    """Load a recording and test it against physics.
+
+    Parameters
+    ----------
+    path : path
+        Anything `datasets.load.load` reads.
+    options : mapping, optional
+        Options of the reader, as in the configuration's section ``data``.
+
+    Returns
+    -------
+    Report
+        What cannot be read is a fatal finding, not an exception.
+    """
+    from ...datasets.load import load
+
+    try:
+        # Units and axes a reader would refuse are judged here, with everything else beside them.
+        with collected_refusals() as refused:
+            sequence = load(path, **dict(options or {}))
+    except (DataError, ConfigError) as error:
+        return Report(str(path), (), (refusal(error),))
+    found = check_sequence(sequence)
+    if not any(f.severity == "fatal" for f in found):
+        found += [refusal(error) for error in refused]
+    return Report(str(path), contents(sequence), in_order(found))
+
+
+def refusal(error: NavError) -> Finding:
+    """Return what a reader refused as a fatal finding."""
+    problem, remedy = str(error), ""
+    if isinstance(error, DataError):
+        remedy = error.remedy or ""
+        problem = problem.removesuffix(f" — {remedy}") if remedy else problem
+    elif " — " in problem:
+        problem, _, remedy = problem.partition(" — ")
+    subject = "declaration" if isinstance(error, ConfigError) else "reading"
+    return Finding("fatal", subject, problem, remedy)
+
+
+def check_sequence(sequence: Sequence, gnss: GnssConfig | None = None) -> list[Finding]:
+    """Test a recording that has been read.
+
+    Parameters
+    ----------
+    sequence : Sequence
+    gnss : GnssConfig, optional
+        For what a run would screen out.
+    """
+    found = tracks(sequence)
+    min_cn0 = (gnss or GnssConfig()).min_cn0_dbhz
+    gnss_found = gnss_findings(sequence, found, min_cn0)
+    if sequence.fixes is not None and any(
+        f.severity == "fatal" and f.subject == "GNSS velocity" for f in gnss_found
+    ):
+        # Said already: what comes next shall not find the same fault again under another name.
+        moved = differenced("differenced positions", sequence.fixes.time, sequence.fixes.pos_e)
+        found = dataclasses.replace(found, gnss=moved)
+    out = [
+        *dates(sequence),
+        *overlap(sequence),
+        *gnss_found,
+        *_imu(sequence, found),
+        *(motion.odometer(sequence, found.gnss) if found.gnss is not None else ()),
+        *reference_findings(sequence, found, _positions(sequence)),
+        *undeclared(sequence),
+    ]
+    if found.gnss is None:
+        out.append(
+            Finding(
+                "fatal", "GNSS", "no positions and no velocities can be made of it",
+                "give navigation files, or positions",
+            )
+        )  # fmt: skip
+    return list(in_order(_causes_only(out)))
+
+
+def _imu(sequence: Sequence, found: Tracks) -> Iterator[Finding]:
+    """Test the IMU by itself, then its time, then, with time put right, its axes."""
+    if sequence.imu is None:
+        remedy = "a run needs accelerometers and gyros; speed and yaw rate only serve alignment"
+        yield Finding("fatal", "IMU", "none in this recording", remedy)
+        return
+    yield from inertial_findings(sequence, found.gnss)
+    imu = motion.inertial(sequence)
+    if found.gnss is None:
+        return
+    calibration = sequence.calibration
+    distance = float(np.linalg.norm(calibration.lever_antenna_b)) + calibration.lever_antenna_sigma
+    offset = motion.time_offset(imu, found.gnss, distance)
+    yield from motion.offset_findings(offset, "GNSS")
+    if offset is not None and offset.significant:
+        imu = imu.shifted(-offset.lag)
+    track = _judge(found, offset)
+    if track is None:
+        cannot = "units and axes cannot be told: no Doppler, no reference, only rough positions"
+        yield Finding("note", "IMU axes", cannot)
+        return
+    yield from motion.gyro(imu, track)
+    yield from motion.accelerometer(imu, track)
+    reference = sequence.reference
+    if reference is None or found.reference is None:
+        return
+    heading = reference.rpy[:, 2] if len(reference) == len(found.reference) else None
+    distance = float(np.linalg.norm(reference.lever_b)) + calibration.lever_antenna_sigma
+    against = motion.time_offset(imu, found.reference, distance, heading)
+    if against is not None and against.significant:
+        for finding in motion.offset_findings(against, "reference"):
+            # Not fatal: a run does not need the reference.
+            yield dataclasses.replace(finding, severity="doubtful")
+
+
+def _judge(found: Tracks, offset: motion.Offset | None) -> Track | None:
+    """Return the track to judge axes by: GNSS, or the reference where it shows more turning."""
+    gnss, reference = found.gnss, found.reference
+    if gnss is None or not gnss.precise:
+        return reference
+    if reference is None or offset is not None:
+        return gnss
+
+    def turning(track: Track) -> float:
+        return motion.track_turning(track.course(motion.COURSE_SPEED))
+
+    return reference if turning(reference) > 1.5 * turning(gnss) else gnss
+
+
+def _causes_only(findings: list[Finding]) -> list[Finding]:
+    """Leave out doubts that are the consequence of something found already."""
+    found = {(f.subject, f.severity) for f in findings}
+    implied = {what for cause, what in _CONSEQUENCES if cause in found}
+    return [f for f in findings if f.severity != "doubtful" or f.subject not in implied]
+
+
+def _positions(sequence: Sequence) -> tuple[FloatArray, FloatArray] | None:
+    """Return antenna positions to a few metres: carried ones, else single-point positions."""
+    if sequence.fixes is not None and len(sequence.fixes) > 8:
+        return sequence.fixes.time, sequence.fixes.pos_e
+    observations = thinned(sequence.observations, _FIXES)
+    if observations is None or not sequence.navigation or sequence.reference is None:
+        return None
+    from ...datasets.rtklib import single_point
+
+    try:
+        found = single_point(observations, sequence.navigation, elevation_mask=np.radians(10.0))
+    except DataError:
+        return None
+    if len(found.fixes) < 8:
+        return None
+    # by the receiver's clock, which may be far from GPS time
+    return found.fixes.time - found.clock / SPEED_OF_LIGHT, found.fixes.pos_e
+
+
+def dates(sequence: Sequence) -> list[Finding]:
+    """Test whether the recording lies in the past of satellite navigation."""
+    if sequence.time_scale != "gps":
+        found = "relative, no date: nothing that needs satellites is possible"
+        return [Finding("note", "time", found)]
+    start, _ = sequence.span
+    week, sow = gpstime.to_week_sow(start)
+    if not 0 <= week < 10000:
+        remedy = "correct the GPS week or the time scale"
+        return [Finding("fatal", "time", f"GPS second {start:.6g}: cannot be", remedy)]
+    date = gpstime.to_calendar(start)
+    found = f"GPS week {int(week)}, {float(sow):.1f} s: {date:%Y-%m-%d %H:%M:%S} GPST"
+    numbers = {"week": float(week)}
+    today = datetime.datetime.now(datetime.UTC).replace(tzinfo=None)
+    if date > today + datetime.timedelta(days=1) or week < 500:
+        remedy = "correct the GPS week (receivers lose 1024 weeks at a roll-over)"
+        return [Finding("fatal", "time", f"{found}: cannot be", remedy, numbers)]
+    return [Finding("note", "time", found, "", numbers)]
+
+
+def overlap(sequence: Sequence) -> list[Finding]:
+    """Test how much of each part lies inside the IMU's time."""
+    if sequence.imu is None:
+        return []
+    first, last = sequence.span
+    out = []
+    for name in ("observations", "fixes", "odometer", "reference"):
+        part = getattr(sequence, name)
+        if part is None or not part.time.size:
+            continue
+        inside = float(((part.time >= first) & (part.time <= last)).mean())
+        time = np.unique(part.time)
+        covered = (min(last, time[-1]) - max(first, time[0])) / (last - first)
+        if inside < _OVERLAP or covered < 0.2:
+            found = (
+                f"{name}: {100 * inside:.0f} % of the rows lie inside the IMU's time, which they "
+                f"cover to {100 * covered:.0f} %"
+            )
+            remedy = "check that the files belong to one drive and one time scale"
+            out.append(Finding("doubtful", "time overlap", found, remedy, {"inside": inside}))
+        elif name in ("observations", "fixes") and covered < _GNSS_COVER:
+            missing = max(time[0] - first, 0.0), max(last - time[-1], 0.0)
+            found = (
+                f"GNSS begins {missing[0]:.0f} s after the IMU and ends {missing[1]:.0f} s before"
+            )
+            remedy = "a file may be cut short; navigation is inertial alone there"
+            out.append(Finding("doubtful", "time overlap", found, remedy, {"covered": covered}))
+        longest = float(np.diff(time).max()) if time.size > 1 else 0.0
+        if name in ("observations", "fixes") and longest > 30.0:
+            at = float(time[int(np.argmax(np.diff(time)))])
+            found = f"no GNSS for {longest:.0f} s from {clock(at)}"
+            remedy = "expect free inertial drift there"
+            out.append(Finding("note", "GNSS gap", found, remedy, {"gap_s": longest}))
+    return out
+
+
+def undeclared(sequence: Sequence) -> list[Finding]:
+    """Say what the recording leaves open and only the user can know."""
+    calibration = sequence.calibration
+    if calibration.lever_antenna_sigma <= 0.0:
+        return []
+    found = (
+        f"IMU→antenna {calibration.lever_antenna_b.round(2)} m, 1σ "
+        f"{calibration.lever_antenna_sigma:g} m: {calibration.lever_antenna_source}"
+    )
+    remedy = "measure the vector from the IMU to the antenna (forward, right, down) and declare it"
+    return [Finding("note", "lever arm", found, remedy)]
+
+
+def contents(sequence: Sequence) -> tuple[str, ...]:
+    """Return what a recording holds, a line for each part."""
+    out = [sequence.notes[0] if sequence.notes else sequence.name]
+    if sequence.imu is not None:
+        out.append(f"IMU: {_span(sequence.imu.time)}, preset '{sequence.calibration.imu.name}'")
+    if sequence.observations is not None:
+        observations = sequence.observations
+        systems = "".join(np.unique(observations.sat.astype("U1")))
+        signals = ", ".join(np.unique(observations.signal))
+        out.append(
+            f"GNSS observations: {_span(np.unique(observations.time))}, systems {systems}, "
+            f"signals {signals}"
+        )
+    if sequence.fixes is not None:
+        with_velocity = 100.0 * float(sequence.fixes.has_velocity.mean())
+        out.append(
+            f"GNSS positions: {_span(sequence.fixes.time)}, {with_velocity:.0f} % with velocity"
+        )
+    if sequence.odometer is not None:
+        out.append(f"odometer: {_span(sequence.odometer.time)}")
+    if sequence.reference is not None:
+        out.append(
+            f"reference ({sequence.reference.point}): {_span(sequence.reference.time)}, "
+            f"{sequence.reference.source}"
+        )
+    return tuple(out)
+
+
+def _span(time: FloatArray) -> str:
+    rate = 1.0 / float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    return f"{time.size} epochs, {rate:.4g} Hz, {time[-1] - time[0]:.1f} s"

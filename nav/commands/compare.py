@@ -1,0 +1,163 @@
+"""``certnav compare`` and ``certnav report``: arguments, run, and what they print."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+DESCRIPTION = (
+    "Set methods against each other on the same drives with the same spells of weak GNSS: GNSS "
+    "alone, alignment alone, and loose coupling without and with Doppler below four satellites, "
+    "vehicle constraints and smoothing."
+)
+REPORT_DESCRIPTION = "Merge result directories made elsewhere into one page of comparison."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``certnav compare`` to its parser."""
+    parser.add_argument("path", type=Path, nargs="+", help="folders of sequences")
+    parser.add_argument(
+        "--methods", default="all", metavar="LIST",
+        help="comma-separated: gnss-only, alignment-only[+vehicle], certified-only[+vehicle], lc4, "
+        "lc+ddia, lc+rows (each also with +vehicle, +smooth, or both), alignment-heading [all]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--outages", default="60/180", metavar="SPEC",
+        help="DURATION/PERIOD or FROM-TO, :satellites left, @shifts: 60/180 (nothing left), "
+        "60/180:2-3@0,60,120, 60/180:3high, 60/180:canyon60, 10-end:2 [60/180]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seeds", type=int, default=1, metavar="N", help="draws of the satellites left [1]"
+    )
+    parser.add_argument("--config", type=Path, metavar="FILE", help="configuration (TOML)")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
+        help="override one configuration value; repeatable",
+    )  # fmt: skip
+    parser.add_argument(
+        "--out", type=Path, default=Path("results/comparison"), metavar="DIR",
+        help="page, figures and one result directory a method [results/comparison]",
+    )  # fmt: skip
+    parser.add_argument("--jobs", type=int, default=-1, help="processes, −1: all processors")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to spread over")
+    parser.add_argument("--json", action="store_true", help="print everything as JSON")
+
+
+def add_report_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``certnav report`` to its parser."""
+    parser.add_argument(
+        "directory", type=Path, nargs="+", help="result directories, or folders that hold some"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("results/report"), metavar="DIR",
+        help="where the page goes [results/report]",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print everything as JSON")
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Compare, write page and result directories, and say what came out."""
+    import shutil
+    import tempfile
+
+    from ...datasets.cache import kept_in
+    from ...datasets.load import load
+    from ...filters.errors import ConfigError
+    from ..compare.comparison import compare
+    from ..compare.degradation import parse_outages
+    from ..compare.methods import parse_methods
+    from ..compare.report import write_page
+    from ..config import load_config
+    from .progress import progress
+
+    if arguments.seeds < 1:
+        raise ConfigError(f"--seeds: expected at least 1, found {arguments.seeds}")
+    if arguments.jobs == 0:
+        raise ConfigError("--jobs: expected a number of processes, or −1; found 0")
+    outages, methods = parse_outages(arguments.outages), parse_methods(arguments.methods)
+    config = load_config(arguments.config, arguments.set)
+    out: Path = arguments.out.resolve()
+    _check_replaceable(out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".new", dir=out.parent))
+    try:
+        with progress() as report, kept_in(out.parent / ".certnav-cache"):
+            comparison = compare(
+                [load(path, **config.data) for path in arguments.path], methods, outages, config,
+                seeds=arguments.seeds, out=draft, jobs=arguments.jobs,
+                scheduler=arguments.scheduler, progress=report,
+            )  # fmt: skip
+        write_page(comparison, draft)
+        draft.chmod(0o755)
+        if out.exists():
+            shutil.rmtree(out)
+        draft.rename(out)
+    except BaseException:
+        shutil.rmtree(draft, ignore_errors=True)
+        raise
+    _say(comparison, out, arguments.json)
+
+
+def report(arguments: argparse.Namespace) -> None:
+    """Merge result directories into one page."""
+    from ..compare.report import merge, write_page
+
+    out: Path = arguments.out.resolve()
+    _check_replaceable(out)
+    comparison = merge(arguments.directory)
+    write_page(comparison, out)
+    _say(comparison, out, arguments.json)
+
+
+def _check_replaceable(out: Path) -> None:
+    """Refuse to write over anything but a comparison or an empty folder."""
+    from ...filters.errors import DataError
+    from ..compare.report import DATA
+
+    if not out.exists() or (out / DATA).is_file() or (out.is_dir() and not any(out.iterdir())):
+        return
+    raise DataError(
+        "exists and is not a comparison of certnav's", file=out,
+        remedy="name another output directory, or remove this one",
+    )  # fmt: skip
+
+
+def _say(comparison: Any, out: Path, as_json: bool) -> None:
+    from ..compare.comparison import as_dict
+    from ..compare.report import PAGE
+    from ..results.summary import strict
+
+    content = as_dict(comparison)
+    if as_json:
+        print(json.dumps(strict(content), allow_nan=False))
+        return
+    for line in table(content):
+        print(line)
+    for note in comparison.notes:
+        print(f"  {note}")
+    print(f"  page        {out / PAGE}")
+
+
+def table(content: dict[str, Any]) -> list[str]:
+    """Return the drift and the errors of each method as lines of text."""
+
+    def number(value: float | None) -> str:
+        return f"{'–':>9}" if value is None else f"{value:9.2f}"
+
+    lines = [
+        f"{'':24}{'drift per spell [m]':^27}{'horizontal':>11}{'heading':>9}",
+        f"{'method':24}{'median':>9}{'RMS':>9}{'95 %':>9}{'RMS [m]':>11}{'RMS [°]':>9}",
+    ]
+    for name, f in content["methods"].items():
+        if not f["runs"]:
+            lines.append(f"{name:24}not available: {f['not_available'][0]}")
+            continue
+        d, e = f["drift_m"], f["errors"]
+        heading = e["heading_rms_deg"]
+        if "alignment_windows" in f:
+            heading = f["alignment_windows"]["mae_deg"]
+        drift = "".join(number(d[k]) for k in ("median", "rms_of_maxima", "p95"))
+        lines.append(f"{name:24}{drift}  {number(e['horizontal_rms_m'])}{number(heading)}")
+    return lines

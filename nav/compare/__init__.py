@@ -1,0 +1,1 @@
+"""The same drives, the same spells of weak GNSS, every method."""

@@ -1,0 +1,355 @@
+"""What GNSS offers the filter: screened observations turned into positions and velocities.
+
+Everything offered is an event in time order; one that cannot be used carries its reason, so
+that the update log tells of it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...alignment.in_motion.rows import DopplerEpoch
+from ...datasets.sequence import GnssFixes, GnssObservations, Sequence
+from ...filters.earth import SPEED_OF_LIGHT
+from ...filters.errors import ConfigError
+from ...filters.rotation import FloatArray
+from ...velocity.range_rate import DopplerNoise
+from ..config import GnssConfig
+from ..solution import Epochs
+
+if TYPE_CHECKING:
+    from ...datasets.rtklib import SinglePoint
+
+
+@dataclass(frozen=True, eq=False)
+class GnssEvent:
+    """One antenna position or velocity, or the reason why there is none.
+
+    Parameters
+    ----------
+    time : float
+        GPS time it belongs to [s].
+    kind : {'position', 'velocity', 'doppler'}
+    value_e : ndarray, shape (3,)
+        ECEF [m] or [m/s]; NaN when there is none.
+    cov_e : ndarray, shape (3, 3)
+        Covariance as the filter is to use it [m²] or [m²/s²].
+    satellites : tuple of str
+        Satellites behind it, where known.
+    reason : str
+        Why it cannot be used; '' when it can.
+    observations : GnssObservations, optional
+        Usable rows of an epoch with Doppler; of kind 'doppler' where they give no least-squares
+        velocity. Lines of sight are left to the filter, which knows best where it is: 1 km is
+        0.2 m/s.
+    epoch : DopplerEpoch, optional
+        Doppler of the epoch for alignment in motion, whatever became of its velocity.
+    shared : bool
+        Whether most of a position's error is that of the positions around it.
+    """
+
+    time: float
+    kind: str
+    value_e: FloatArray
+    cov_e: FloatArray
+    satellites: tuple[str, ...] = ()
+    reason: str = ""
+    observations: GnssObservations | None = None
+    epoch: DopplerEpoch | None = None
+    shared: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class GnssTimeline:
+    """All events in time order, the epochs they came from, and the screened observations."""
+
+    events: tuple[GnssEvent, ...]
+    epochs: Epochs
+    observations: GnssObservations | None
+    notes: tuple[str, ...] = ()
+
+
+#: Fewer rows of a satellite than this say nothing about it.
+_MANY = 30
+#: 1σ per axis added to a least-squares velocity that no residual has checked [m/s].
+_UNCHECKED = 3.0
+_NOTHING = np.full(3, np.nan), np.full((3, 3), np.nan)
+
+
+def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
+    """Return everything GNSS has to offer in `sequence` under `config`.
+
+    Raises
+    ------
+    ConfigError
+        If a source is asked for that the sequence does not have.
+    """
+    position, velocity = sources(sequence, config)
+    notes: tuple[str, ...] = (f"positions: {position}; velocities: {velocity}",)
+    if sequence.observations is None:
+        assert sequence.fixes is not None
+        events = [
+            *(_carried(sequence.fixes, "position", config) if position != "none" else ()),
+            *(_carried(sequence.fixes, "velocity", config) if velocity != "none" else ()),
+        ]
+        epochs = Epochs(sequence.fixes.time, sequence.fixes.satellites, sequence.fixes.satellites)
+        return GnssTimeline(_in_order(events), epochs, None, notes)
+
+    observations = sequence.observations.mark(
+        sequence.observations.cn0 < config.min_cn0_dbhz, "weak signal"
+    )
+    events, where, faulty = [], None, np.zeros(len(observations), dtype=bool)
+    if position in ("spp", "rtk"):
+        events, where, faulty, doubts = _single_point(observations, sequence, config)
+        notes += doubts
+        if position == "rtk":
+            from .relative import with_relative_positions
+
+            lost = ~np.isin(observations.time, where.time)  # code that no fix vouches for
+            screened = observations.mark(faulty | lost, "not in the single-point fix")
+            events, said = with_relative_positions(events, screened, sequence, config)
+            notes = (*notes, said)
+    elif sequence.fixes is not None:
+        fixes = sequence.fixes
+        where = _Whereabouts(fixes.time, fixes.pos_e, np.zeros(len(fixes)))
+        if position == "carried":
+            events = _carried(fixes, "position", config)
+    if where is not None and where.time.size:
+        observations = _masked(observations, where, config)
+    epochs = _count(observations)
+    if velocity == "doppler":
+        if where is None or not where.time.size:
+            raise ConfigError(
+                "gnss.velocity: Doppler needs an approximate position, and there is none — "
+                "add navigation files for single-point positions"
+            )
+        velocities, observations = _doppler(observations, where, config)
+        events += velocities
+    elif velocity == "carried":
+        assert sequence.fixes is not None
+        events += _carried(sequence.fixes, "velocity", config)
+    # Marked last: a faulty pseudorange says nothing about the Doppler, which has its own test.
+    observations = observations.mark(faulty, "pseudorange residual")
+    return GnssTimeline(_in_order(events), epochs, observations, notes)
+
+
+def _in_order(events: list[GnssEvent]) -> tuple[GnssEvent, ...]:
+    return tuple(sorted(events, key=lambda event: (event.time, event.kind)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Whereabouts:
+    """Where the antenna roughly was, and how far off the receiver's clock."""
+
+    time: FloatArray  # by the receiver's clock [s]
+    pos_e: FloatArray
+    clock: FloatArray  # [s], receiver − GPS time
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Return positions interpolated to `time`, held beyond the ends, shape (n, 3)."""
+        return np.column_stack([np.interp(time, self.time, column) for column in self.pos_e.T])
+
+    def true_time(self, time: float) -> float:
+        """Return the GPS time of an epoch that the receiver labels `time`."""
+        return time - float(np.interp(time, self.time, self.clock))
+
+
+def sources(sequence: Sequence, config: GnssConfig) -> tuple[str, str]:
+    """Return where positions ('spp', 'rtk') and velocities ('doppler') come from.
+
+    Both may also be 'carried' or 'none'.
+    """
+    obs, fixes = sequence.observations, sequence.fixes
+    can_spp = obs is not None and bool(sequence.navigation)
+    can_doppler = obs is not None and bool(np.isfinite(obs.range_rate).any())
+    carries_velocity = fixes is not None and bool(fixes.has_velocity.any())
+    position, velocity = config.position, config.velocity
+    if position == "auto":
+        position = "carried" if fixes is not None else "spp" if can_spp else "none"
+    if velocity == "auto":
+        velocity = "doppler" if can_doppler else "carried" if carries_velocity else "none"
+    missing = {
+        "spp": (not can_spp, "pseudoranges with navigation files"),
+        "rtk": (
+            not can_spp or sequence.rover_file is None or not (config.base or sequence.base),
+            "the rover's RINEX, navigation files and a base station's RINEX (--base FILE)",
+        ),
+        "doppler": (not can_doppler, "Doppler observations"),
+    }
+    if position == "carried" and fixes is None:
+        raise ConfigError(f"gnss.position: 'carried', but {sequence.name} carries no positions")
+    if velocity == "carried" and not carries_velocity:
+        raise ConfigError(f"gnss.velocity: 'carried', but {sequence.name} carries no velocities")
+    for key, value in (("position", position), ("velocity", velocity)):
+        absent, what = missing.get(value, (False, ""))
+        if absent:
+            raise ConfigError(f"gnss.{key}: '{value}' needs {what}, and {sequence.name} has none")
+    return position, velocity
+
+
+def inflated(cov_e: FloatArray, scale: float, floor: float) -> FloatArray:
+    """Return the covariance scaled, with `floor` added in variance on every axis."""
+    return cov_e * scale**2 + np.eye(3) * floor**2
+
+
+def doppler_noise(config: GnssConfig) -> DopplerNoise:
+    """Return the range-rate noise that is configured."""
+    return DopplerNoise(config.doppler_sigma_mps, config.doppler_floor_mps)
+
+
+def _carried(fixes: GnssFixes, kind: str, config: GnssConfig) -> list[GnssEvent]:
+    """Return the positions or velocities a set carries as events."""
+    if kind == "position":
+        value, cov = fixes.pos_e, fixes.pos_cov_e
+        scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
+        present = np.ones(len(fixes), dtype=bool)
+    else:
+        value, cov = fixes.vel_e, fixes.vel_cov_e
+        scale, floor = config.velocity_sigma_scale, config.velocity_sigma_floor_mps
+        present = fixes.has_velocity
+    return [
+        GnssEvent(float(t), kind, v, inflated(c, scale, floor))
+        if ok
+        else GnssEvent(float(t), kind, *_NOTHING, reason=f"no {kind} in the data")
+        for t, v, c, ok in zip(fixes.time, value, cov, present, strict=True)
+    ]
+
+
+def _single_point(
+    observations: GnssObservations, sequence: Sequence, config: GnssConfig
+) -> tuple[list[GnssEvent], _Whereabouts, NDArray[np.bool_], tuple[str, ...]]:
+    """Return single-point positions as events and as whereabouts, faulty rows, and notes."""
+    from ...datasets.rtklib import single_point
+
+    spp = single_point(
+        observations,
+        sequence.navigation,
+        elevation_mask=np.radians(config.elevation_mask_deg),
+        ionosphere=config.ionosphere,
+        troposphere=config.troposphere,
+        raim=config.raim,
+        code_sigma=config.code_sigma_m,
+        weak_sigma=config.code_weak_sigma_m,
+    )
+    where = _Whereabouts(spp.fixes.time, spp.fixes.pos_e, spp.clock / SPEED_OF_LIGHT)
+    scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
+    events = [
+        GnssEvent(time, "position", pos_e, inflated(cov, scale, floor), satellites, shared=True)
+        for time, pos_e, cov, satellites in zip(
+            where.time - where.clock,
+            spp.fixes.pos_e,
+            spp.fixes.pos_cov_e,
+            spp.satellites,
+            strict=True,
+        )
+    ]
+    offered = _satellites(observations, np.isfinite(observations.pseudorange))
+    for time, why in spp.failed:
+        at = where.true_time(time) if where.time.size else time
+        reason = f"no fix: {_category(why)}"
+        events.append(GnssEvent(at, "position", *_NOTHING, offered[time], reason))
+    faulty = np.zeros(len(observations), dtype=bool)
+    faulty[list(spp.rejected)] = True
+    return events, where, faulty, (*_always_refused(observations, faulty), *_persistent(spp))
+
+
+def _persistent(spp: SinglePoint) -> Iterator[str]:
+    """Name the satellites that are wrong all the time by less than one epoch's test can tell."""
+    for fault in spp.persistent:
+        yield (
+            f"doubtful: {fault.satellite}: its pseudoranges contradict the other satellites by "
+            f"{fault.bias:+.0f} m on the average of {fault.fixes} fixes, which are off by some of "
+            "it: wrong ephemeris? give another navigation file, or one without it"
+        )
+
+
+def _always_refused(observations: GnssObservations, faulty: NDArray[np.bool_]) -> Iterator[str]:
+    """Name the satellites whose pseudoranges the residual test excludes most of the time."""
+    for sat in np.unique(observations.sat[faulty]):
+        rows = (observations.sat == sat) & observations.usable
+        share = float(faulty[rows].mean()) if rows.sum() >= _MANY else 0.0
+        if share > 0.5:
+            yield (
+                f"{sat}: {100 * share:.0f} % of its pseudoranges contradict the other satellites "
+                "and are left out: wrong ephemeris?"
+            )
+
+
+def _category(message: str) -> str:
+    """Return a message of RTKLIB without its numbers, so that like reasons count together."""
+    return re.sub(r"^\d+ satellites$", "too few satellites", re.sub(r"\s*\b\w+=\S+", "", message))
+
+
+def _satellites(
+    observations: GnssObservations, rows: NDArray[np.bool_]
+) -> dict[float, tuple[str, ...]]:
+    """Return the satellites of the usable rows in the mask, by epoch."""
+    rows = rows & observations.usable
+    return {
+        time: tuple(map(str, np.unique(observations.sat[epoch][rows[epoch]])))
+        for time, epoch in observations.epochs()
+    }
+
+
+def _masked(
+    observations: GnssObservations, where: _Whereabouts, config: GnssConfig
+) -> GnssObservations:
+    """Return the observations with elevations filled in and low satellites marked."""
+    from ...velocity.range_rate import with_elevation
+
+    observations = with_elevation(observations, where.at(observations.time))
+    low = observations.elevation < np.radians(config.elevation_mask_deg)
+    return observations.mark(low, "below elevation mask")
+
+
+def _doppler(
+    observations: GnssObservations, where: _Whereabouts, config: GnssConfig
+) -> tuple[list[GnssEvent], GnssObservations]:
+    """Return for every epoch a least-squares velocity, else its rows, else the reason.
+
+    Rows that the residual test of least squares excludes come back marked.
+    """
+    from ...velocity.least_squares import doppler_velocity, mark_rejected
+    from ...velocity.range_rate import doppler_rows
+
+    rows = doppler_rows(observations, where.at(observations.time), doppler_noise(config))
+    scale, floor = config.velocity_sigma_scale, config.velocity_sigma_floor_mps
+    events, velocities = [], []
+    for time, epoch in observations.epochs():
+        here = rows.take(slice(*np.searchsorted(rows.row, [epoch.start, epoch.stop])))
+        found = doppler_velocity(here, time)
+        velocities.append(found)
+        at = where.true_time(time)
+        kept = here.take(~np.isin(here.row, found.rejected)) if found.rejected else here
+        offer = DopplerEpoch(at, where.at(np.array([time]))[0], kept) if len(kept) else None
+        if found.ok:
+            # Four satellites fit any velocity; one reflected among them is not rare.
+            cov = inflated(found.cov_e, scale, floor if found.dof else np.hypot(floor, _UNCHECKED))
+            raw = observations.take(here.row)
+            events.append(
+                GnssEvent(at, "velocity", found.vel_e, cov, found.satellites, "", raw, offer)
+            )
+            continue
+        names = tuple(map(str, here.sat))
+        few = len(here) >= 2 and config.below_four != "off"
+        kind, reason = ("doppler", "") if few else ("velocity", found.status)
+        offered = observations.take(here.row) if few else None
+        events.append(GnssEvent(at, kind, *_NOTHING, names, reason, offered, offer))
+    return events, mark_rejected(observations, velocities)
+
+
+def _count(observations: GnssObservations) -> Epochs:
+    """Count satellites per epoch: tracked, and usable with Doppler after screening."""
+    doppler = observations.has_range_rate
+    times, tracked, usable = [], [], []
+    for time, rows in observations.epochs():
+        times.append(time)
+        tracked.append(np.unique(observations.sat[rows]).size)
+        usable.append(np.unique(observations.sat[rows][doppler[rows]]).size)
+    return Epochs(np.array(times), np.array(tracked, dtype=int), np.array(usable, dtype=int))

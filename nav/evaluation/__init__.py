@@ -1,0 +1,1 @@
+"""A solution held against a reference, and its covariance against its errors."""

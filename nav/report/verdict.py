@@ -1,0 +1,122 @@
+"""A run in plain sentences: how accurate, how honest, with which satellites, what was rejected."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..results.directory import Result
+
+
+def verdict(result: Result) -> list[str]:
+    """Return what a reader wants first, in sentences: accuracy, honesty, satellites, rejections."""
+    metrics, summary = result.evaluation.metrics, result.summary
+    span = duration(summary["duration_s"])
+    trajectory = result.solution.trajectory
+    if metrics["horizontal_rms_m"] is not None:
+        sentences = [
+            f"Over {span} the horizontal error was {length(metrics['horizontal_rms_m'])} RMS, "
+            f"below {length(metrics['horizontal_p95_m'])} for 95 % of the time and never above "
+            f"{length(metrics['horizontal_max_m'])}.",
+            f"Judged against: {result.evaluation.source.rstrip('.')}.",
+        ]
+    else:
+        sigma = np.sqrt(trajectory.cov_pos_n[:, 0, 0] + trajectory.cov_pos_n[:, 1, 1])
+        sentences = [
+            f"{span[0].upper()}{span[1:]} navigated; there is no reference, so the accuracy is "
+            f"not known. The filter itself claims {length(float(np.median(sigma)))} horizontally "
+            "(1σ, median)."
+        ]
+    return [*sentences, *_consistency(result), *_coverage(result), *_rejections(result)]
+
+
+def gate_activity(result: Result) -> list[str]:
+    """Return one sentence for each kind of update: how often its gate fired."""
+    sentences = []
+    for kind in result.summary["updates"]:
+        tested = [u for u in result.solution.updates if u.kind == kind and np.isfinite(u.nis)]
+        fired = sum(not u.accepted or u.reason != "" for u in tested)
+        overruled = sum(u.accepted and u.reason != "" for u in tested)
+        n = len(tested)
+        if n == 0:
+            sentences.append(f"{kind} gate: nothing to test.")
+        elif fired == 0:
+            sentences.append(
+                f"{kind} gate never fired ({n} tested): it has protected nothing in this run."
+            )
+        elif fired == n:
+            sentences.append(
+                f"{kind} gate fired every time ({n} of {n}): measurement noise, lever arm, time "
+                "offset or alignment is wrong."
+            )
+        else:
+            sentences.append(
+                f"{kind} gate fired {fired} of {n} ({percent(fired, n)})"
+                + (f", {overruled} of them overruled." if overruled else ".")
+            )
+    return sentences
+
+
+def _consistency(result: Result) -> list[str]:
+    nees = result.evaluation.consistency["nees_position_mean"]
+    if nees is None:
+        return []
+    if nees > 6.0:
+        word = "too optimistic"
+    elif nees < 1.5:
+        word = "pessimistic"
+    else:
+        word = "about right"
+    return [f"The filter's position covariance was {word} (NEES {nees:.3g}, ideal 3)."]
+
+
+def _coverage(result: Result) -> list[str]:
+    epochs = result.summary["epochs"]
+    total = epochs["total"]
+    if not total:
+        return ["Positions came as ready-made fixes, without satellite observations."]
+    return [
+        f"Four or more satellites were usable in {percent(epochs['ge4'], total)} of {total} GNSS "
+        f"epochs, two or three in {percent(epochs['two_or_three'], total)}, fewer in "
+        f"{percent(epochs['lt2'], total)}."
+    ]
+
+
+def _rejections(result: Result) -> list[str]:
+    updates = result.summary["updates"]
+    if not updates:
+        return ["No update was offered to the filter."]
+    parts = []
+    for kind, counts in updates.items():
+        why = ", ".join(f"{reason} {n}" for reason, n in list(counts["rejected"].items())[:3])
+        parts.append(
+            f"{counts['accepted']} of {counts['offered']} {kind} updates"
+            + (f" (not used: {why})" if why else "")
+        )
+    return [f"Accepted were {' and '.join(parts)}."]
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """Return a figure to three digits with its unit, or a dash."""
+    if value is None:
+        return "—"
+    text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    return text + unit if unit in ("", "°") else f"{text} {unit}"
+
+
+def length(value: float | None) -> str:
+    """Return metres to three digits, or a dash."""
+    return quantity(value, "m")
+
+
+def percent(part: int, whole: int) -> str:
+    """Return a share, with a decimal where it is close to none or all."""
+    share = 100.0 * part / whole
+    return f"{share:.1f} %" if 0.0 < share < 9.95 or 90.05 < share < 100.0 else f"{share:.0f} %"
+
+
+def duration(seconds: float) -> str:
+    """Return seconds, or minutes and seconds from two minutes on."""
+    if seconds < 120.0:
+        return f"{seconds:.3g} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s"

@@ -1,0 +1,269 @@
+"""The result directory of a run: what is in it, written in one move and read back whole.
+
+=====================  ========================================================================
+solution.csv           the IMU's trajectory, one row per output epoch (`nav.results.tables`), unless
+                       only other formats were asked for
+updates.csv            every measurement offered to the filter and what became of it:
+                       time_gps_s, kind, satellites (space separated), whitened innovation
+                       w1, w2, w3 …, nis, dof, accepted (1 or 0), reason
+epochs.csv             GNSS epochs: time_gps_s, satellites tracked, satellites usable
+alignment.csv          attempts to align in motion: time_gps_s, message (what was missing); only
+                       when there were any
+reference_errors.csv   solution − reference at each compared reference epoch, with the filter's
+                       3σ; only when there is a reference
+config.toml            the configuration in force
+summary.json           figures of the run; strict JSON, what is not known is null
+report.html            all of it for people, unless it was left out
+solution.pos …         exports that were asked for (`nav.results.formats`)
+SHA256SUMS             checksums of all these: ``sha256sum --check SHA256SUMS`` (`nav.results.placing`)
+=====================  ========================================================================
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...datasets.sequence import Sequence
+from ...filters.errors import DataError
+from ..evaluation.accuracy import Evaluation, without_reference
+from .formats import check_formats, write_formats
+from .placing import SEAL, clean, current, new_draft, place
+from ..solution import AlignmentReport, Solution
+from .summary import strict, summarise
+from .tables import (
+    read_attempts,
+    read_epochs,
+    read_errors,
+    read_solution,
+    read_updates,
+    write_attempts,
+    write_epochs,
+    write_errors,
+    write_solution,
+    write_updates,
+)
+
+#: How often a result that is replaced while it is read is read anew.
+_TRIES = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A result directory, read back.
+
+    Parameters
+    ----------
+    path : Path
+    solution : Solution
+        With diagonal covariances (see `nav.results.tables`).
+    evaluation : Evaluation
+    summary : dict
+        summary.json as it stands.
+    config_text : str
+        config.toml as it stands.
+    """
+
+    path: Path
+    solution: Solution
+    evaluation: Evaluation
+    summary: dict[str, Any]
+    config_text: str
+
+    @property
+    def name(self) -> str:
+        """Name of the run."""
+        return self.solution.name
+
+
+def write_result(
+    out: Path,
+    solution: Solution,
+    evaluation: Evaluation,
+    sequence: Sequence,
+    config_text: str,
+    formats: Iterable[str] = (),
+    *,
+    report: bool = True,
+    table: bool = True,
+) -> Path:
+    """Write the result directory `out` completely or not at all.
+
+    Everything is written beside `out` and then renamed into place; an earlier result there is
+    replaced.
+
+    Parameters
+    ----------
+    out : path
+    solution : Solution
+    evaluation : Evaluation
+    sequence : Sequence
+        What was navigated; its size, sensors and notes go into the summary.
+    config_text : str
+        Configuration in force, as TOML.
+    formats : iterable of str
+        Exports to add, keys of `nav.results.formats.FORMATS`.
+    report : bool
+        Whether to draw report.html; it takes longer than all else.
+    table : bool
+        Whether to write solution.csv; without it the directory cannot be read back.
+
+    Returns
+    -------
+    Path
+        `out`, resolved.
+
+    Raises
+    ------
+    DataError
+        If `out` exists and is not a result directory.
+    ConfigError
+        If a format is unknown.
+    """
+    out, formats = Path(out).resolve(), check_formats(formats)
+    clean(out)
+    check_replaceable(out)
+    draft = new_draft(out)
+    try:
+        if table:
+            write_solution(draft / "solution.csv", solution.trajectory)
+        write_updates(draft / "updates.csv", solution.updates)
+        write_epochs(draft / "epochs.csv", solution.epochs)
+        if solution.alignment.attempts:
+            write_attempts(draft / "alignment.csv", solution.alignment.attempts)
+        if evaluation.has_reference:
+            write_errors(draft / "reference_errors.csv", evaluation)
+        (draft / "config.toml").write_text(config_text, encoding="utf-8")
+        summary = strict(summarise(solution, evaluation, sequence))
+        text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
+        (draft / "summary.json").write_text(text + "\n", encoding="utf-8")
+        write_formats(draft, formats, solution.trajectory, solution.epochs)
+        if report:
+            from ..report.run import write_report  # matplotlib is slow to import
+
+            write_report(draft)
+        place(draft, out)
+    except BaseException:
+        shutil.rmtree(draft, ignore_errors=True)
+        raise
+    return out
+
+
+def check_replaceable(out: Path) -> None:
+    """Refuse (`DataError`) to write a result over anything but a result or an empty folder."""
+    if not out.exists() or is_result(out) or (out.is_dir() and not any(out.iterdir())):
+        return
+    raise DataError(
+        "exists and is not a certnav result directory",
+        file=out,
+        remedy="name another output directory, or remove this one",
+    )
+
+
+def is_result(path: Path) -> bool:
+    """Whether `path` is a directory whose summary.json is certnav's."""
+    try:
+        summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(summary, dict) and "certnav_version" in summary
+
+
+def read_result(path: str | Path) -> Result:
+    """Read a result directory back, whole: if a run replaces it meanwhile, the new one.
+
+    Raises
+    ------
+    DataError
+        If it is not one, or if a file of it is missing or damaged.
+    """
+    for _ in range(_TRIES):
+        there = current(Path(path))
+        before = _seal(there)
+        try:
+            result = _read(there)
+        except DataError:
+            if _seal(current(Path(path))) == before:
+                raise
+            continue
+        if _seal(there) == before:
+            return result
+    raise DataError("is being replaced all the time", file=path, remedy="read a copy of it")
+
+
+def _seal(path: Path) -> bytes | None:
+    try:
+        return (path / SEAL).read_bytes()
+    except OSError:
+        return None
+
+
+def _read(path: Path) -> Result:
+    if not is_result(path):
+        raise DataError(
+            "not a certnav result directory (no summary.json of certnav's)",
+            file=path,
+            remedy="give the directory a run has written",
+        )
+    summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
+    try:
+        alignment = summary["alignment"]
+        solution = Solution(
+            name=summary["name"],
+            trajectory=read_solution(path / "solution.csv"),
+            updates=read_updates(path / "updates.csv"),
+            alignment=AlignmentReport(
+                alignment["status"],
+                alignment["method"],
+                _number(alignment["gps_time_s"]),
+                _number(alignment["time_s"]),
+                np.deg2rad(_number(alignment["sigma_heading_deg"])),
+                alignment["message"],
+                None if alignment["bound_deg"] is None else np.deg2rad(alignment["bound_deg"]),
+                tuple(alignment["verdicts"].items()),
+                read_attempts(path / "alignment.csv"),
+            ),
+            epochs=read_epochs(path / "epochs.csv"),
+            notes=tuple(summary["notes"]),
+            timing={k: v for k, v in summary["timing"].items() if v is not None},
+        )
+        evaluation = _read_evaluation(path / "reference_errors.csv", summary)
+    except (KeyError, TypeError) as error:
+        raise DataError(
+            f"expected key {error} of a certnav summary",
+            file=path / "summary.json",
+            remedy="written by another version? run the sequence again",
+        ) from error
+    return Result(path, solution, evaluation, summary, _read_text(path / "config.toml"))
+
+
+def _number(value: float | None) -> float:
+    return float("nan") if value is None else float(value)
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise DataError(f"cannot be read: {error.strerror}", file=path) from error
+
+
+def _read_evaluation(path: Path, summary: Mapping[str, Any]) -> Evaluation:
+    reference = summary["reference"]
+    if reference is None:
+        return without_reference(summary["consistency"]["nis_mean"])
+    return Evaluation(
+        metrics=summary["errors"],
+        consistency=summary["consistency"],
+        **read_errors(path),
+        misalignment_rpy=np.deg2rad([_number(v) for v in reference["misalignment_rpy_deg"]]),
+        left_out=reference["epochs_left_out"],
+        source=reference["source"],
+        point=reference["point"],
+    )

@@ -1,0 +1,1 @@
+"""Screening thresholds for Doppler from data, cross-validated."""

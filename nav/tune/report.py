@@ -1,0 +1,269 @@
+"""What tuning found, written down: thresholds.toml, tuning.json, and a page with the trade-off."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import tempfile
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ...filters.errors import DataError
+from ..report import page
+from .tuning import PAPER, Tuning
+
+#: Okabe–Ito: distinguishable with any colour vision.
+_BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#E69F00", "#009E73", "#999999"
+_K_NAMES = {"sdv": "|SDV·RMD|", "cosine": "the cosine between SDV and direction of motion"}
+_FILES = ("thresholds.toml", "tuning.json", "tuning.html", "trade_off.png", "heat_map.png")
+
+
+def write_tuning(tuning: Tuning, out: str | Path) -> Path:
+    """Write thresholds.toml, tuning.json, tuning.html and its pictures to `out`, all or nothing.
+
+    Raises
+    ------
+    DataError
+        If `out` exists and holds anything else.
+    """
+    out = Path(out).resolve()
+    if out.exists():
+        foreign = [p.name for p in out.iterdir() if p.name not in _FILES] if out.is_dir() else [""]
+        if foreign:
+            raise DataError(
+                "exists and is not a tuning result", file=out, remedy="choose another --out"
+            )
+    out.parent.mkdir(parents=True, exist_ok=True)
+    draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".new", dir=out.parent))
+    try:
+        (draft / "thresholds.toml").write_text(thresholds_toml(tuning), encoding="utf-8")
+        text = json.dumps(as_dict(tuning), indent=1, allow_nan=False)
+        (draft / "tuning.json").write_text(text + "\n", encoding="utf-8")
+        pictures = {"trade_off": trade_off_figure(tuning), "heat_map": heat_map_figure(tuning)}
+        for name, figure in pictures.items():
+            figure.savefig(draft / f"{name}.png", dpi=120)
+        (draft / "tuning.html").write_text(_page(tuning), encoding="utf-8")
+        draft.chmod(0o755)
+        if out.exists():
+            shutil.rmtree(out)
+        os.replace(draft, out)
+    except BaseException:
+        shutil.rmtree(draft, ignore_errors=True)
+        raise
+    return out
+
+
+def thresholds_toml(tuning: Tuning) -> str:
+    """Return the recommended thresholds as a configuration for ``certnav run --config``."""
+    t = tuning.thresholds
+    lines = [
+        f"# Thresholds for Doppler velocity below four satellites, tuned on {_names(tuning)}.",
+        f"# Objective {tuning.objective}; cross-validated over {tuning.folds_by}: "
+        f"RMS {tuning.cv_rms:.3g} {tuning.unit}, {tuning.cv_retention:.0%} retained.",
+        f"# C/N0 is the {t.cn0_of} of the pair; k is {_K_NAMES[t.k_of]}.",
+        "[gnss]",
+        'below_four = "ddia"',
+        f"ddia_min_cn0_dbhz = {t.min_cn0_dbhz!r}",
+        f"ddia_min_k = {t.min_k!r}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def as_dict(tuning: Tuning) -> dict[str, Any]:
+    """Return everything as plain values for strict JSON; what is not known is None."""
+    t = tuning.thresholds
+    best = tuning.at(t.min_cn0_dbhz, t.min_k)
+    rows = []
+    for i, snr in enumerate(tuning.snr):
+        for j, k in enumerate(tuning.k):
+            rows.append(
+                {
+                    "snr": snr,
+                    "k": k,
+                    "rms": tuning.score.rms[i, j],
+                    "kept": tuning.score.retention[i, j],
+                    "pareto": bool(tuning.pareto[i, j]),
+                }
+            )
+    values = _strict(
+        {
+            "objective": tuning.objective,
+            "unit": tuning.unit,
+            "recommended": {
+                "min_cn0_dbhz": t.min_cn0_dbhz,
+                "min_k": t.min_k,
+                "cn0_of": t.cn0_of,
+                "k_of": t.k_of,
+                "rms": best and best[0],
+                "kept": best and best[1],
+            },
+            "cross_validated": {
+                "over": tuning.folds_by,
+                "rms": tuning.cv_rms,
+                "kept": tuning.cv_retention,
+                "folds": [vars(fold) for fold in tuning.folds],
+            },
+            "min_kept": tuning.min_kept,
+            "paper": _pair(tuning.at(*PAPER)),
+            "alone": {
+                name: {
+                    "recommended": _pair(tuning.at(t.min_cn0_dbhz, t.min_k, score)),
+                    "paper": _pair(tuning.at(*PAPER, score)),
+                }
+                for name, score in tuning.alone.items()
+            },
+            "noise": {
+                name: {
+                    "sigma_45_mps": fit.noise.sigma_45,
+                    "floor_mps": fit.noise.floor,
+                    "decade_db": fit.noise.decade_db,
+                    "misfit": fit.misfit,
+                    "cn0_dbhz": fit.cn0,
+                    "spread_mps": fit.spread,
+                }
+                for name, fit in tuning.noise.items()
+            },
+            "grid": rows,
+            "statistics": tuning.statistics,
+            "notes": tuning.notes,
+        }
+    )
+    assert isinstance(values, dict)
+    return values
+
+
+def _pair(value: tuple[float, float] | None) -> dict[str, float] | None:
+    return None if value is None else {"rms": value[0], "kept": value[1]}
+
+
+def _strict(value: Any) -> Any:
+    """Return JSON values, NaN and infinity as None."""
+    if isinstance(value, dict):
+        return {str(key): _strict(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_strict(item) for item in value]
+    if isinstance(value, (bool, str)) or value is None:
+        return value
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    return float(value) if math.isfinite(value) else None
+
+
+def _names(tuning: Tuning) -> str:
+    return ", ".join(tuning.alone)
+
+
+def trade_off_figure(tuning: Tuning) -> Figure:
+    """Draw RMS against retention: all combinations, the Pareto front, the choice."""
+    score, t = tuning.score, tuning.thresholds
+    figure = Figure(figsize=(7.2, 4.4), layout="constrained")
+    axes = figure.subplots()
+    kept, rms = 100.0 * score.retention, score.rms
+    known = np.isfinite(rms)
+    axes.plot(kept[known], rms[known], ".", color=_GREY, ms=3, label="every combination")
+    front = tuning.pareto & known
+    order = np.argsort(kept[front])
+    axes.plot(kept[front][order], rms[front][order], color=_BLUE, lw=1.6, label="Pareto front")
+    best = tuning.at(t.min_cn0_dbhz, t.min_k)
+    if best is not None:
+        label = f"taken: C/N0 > {t.min_cn0_dbhz:g} dB-Hz, k > {t.min_k:g}"
+        axes.plot(100 * best[1], best[0], "o", color=_ORANGE, ms=9, label=label)
+    axes.plot(
+        100 * tuning.cv_retention, tuning.cv_rms, "x", color=_ORANGE, ms=9, mew=2,
+        label=f"cross-validated over {tuning.folds_by}",
+    )  # fmt: skip
+    paper = tuning.at(*PAPER)
+    if paper is not None and np.isfinite(paper[0]):
+        axes.plot(100 * paper[1], paper[0], "D", color=_GREEN, ms=7,
+                  label=f"paper: {PAPER[0]:g} dB-Hz, {PAPER[1]:g}")  # fmt: skip
+    if tuning.min_kept:
+        axes.axvline(100 * tuning.min_kept, color="black", lw=0.8, ls="--")
+    if tuning.objective == "velocity":
+        axes.set_yscale("log")
+        axes.set(xlabel="pairs retained [%]", ylabel="RMS velocity error [m/s]")
+    else:
+        axes.set(xlabel="epochs with a velocity [%]", ylabel="RMS drift of a spell [m]")
+    axes.grid(alpha=0.3, which="both")
+    axes.legend(frameon=False, fontsize=9)
+    return figure
+
+
+def heat_map_figure(tuning: Tuning) -> Figure:
+    """Draw RMS and retention over the grid (Fig. 8)."""
+    t = tuning.thresholds
+    figure = Figure(figsize=(9.6, 4.0), layout="constrained")
+    titles = [f"RMS error [{tuning.unit}]", "retained [%]"]
+    for axes, values, title in zip(
+        figure.subplots(1, 2), (tuning.score.rms, 100 * tuning.score.retention), titles, strict=True
+    ):
+        mesh = axes.pcolormesh(
+            tuning.k, tuning.snr, np.ma.masked_invalid(values), cmap="viridis", shading="nearest"
+        )
+        axes.plot(t.min_k, t.min_cn0_dbhz, "o", mfc="none", mec=_ORANGE, ms=11, mew=2)
+        axes.set(xlabel="k = |SDV·RMD| above", ylabel="C/N0 above [dB-Hz]", title=title)
+        figure.colorbar(mesh, ax=axes)
+    return figure
+
+
+def _page(tuning: Tuning) -> str:
+    t, best = tuning.thresholds, tuning.at(tuning.thresholds.min_cn0_dbhz, tuning.thresholds.min_k)
+    assert best is not None
+    what = "pairs" if tuning.objective == "velocity" else "epochs"
+    k_name = _K_NAMES[t.k_of]
+    verdict = (
+        f"Keep pairs with {t.cn0_of} C/N0 above {t.min_cn0_dbhz:g} dB-Hz and {k_name} above "
+        f"{t.min_k:g}. On data the choice had not seen: RMS {tuning.cv_rms:.3g} {tuning.unit} with "
+        f"{tuning.cv_retention:.0%} of the {what} retained (on all data: {best[0]:.3g} "
+        f"{tuning.unit}, {best[1]:.0%})."
+    )
+    body = [
+        "<h1>Thresholds for Doppler velocity below four satellites</h1>",
+        f'<p class="meta">{escape(_names(tuning))} · objective {tuning.objective}</p>',
+        f'<p class="verdict">{escape(verdict)}</p>',
+        "<h2>Trade-off</h2>",
+        page.image(trade_off_figure, tuning, "RMS against retention", ""),
+        page.image(heat_map_figure, tuning, "RMS and retention over thresholds", ""),
+        f"<h2>Cross-validation over {tuning.folds_by}</h2>",
+        page.table(
+            ["left out", "C/N0 [dB-Hz]", "k", f"RMS [{tuning.unit}]", "retained"],
+            [
+                [f.left_out, f"{f.snr:g}", f"{f.k:g}", f"{f.rms:.3g}", f"{f.retention:.0%}"]
+                for f in tuning.folds
+            ],
+        ),
+        *_statistics(tuning),
+        *(f'<p class="note">{escape(note)}</p>' for note in tuning.notes),
+    ]
+    return page.document("Thresholds · certnav", "\n".join(body))
+
+
+def _statistics(tuning: Tuning) -> list[str]:
+    out = []
+    if tuning.statistics:
+        rows = [
+            [
+                name, str(s["pairs"]), f"{s['k05_discarded_share']:.1%}",
+                f"{s['rms_k05_mps']:.2f}", str(s["k05_kept"] - s["kept_3rms"]),
+                f"{s['rms_3rms_mps']:.2f}", f"{s['cn0']['mean_dbhz']:.1f} ± "
+                f"{s['cn0']['std_db']:.1f}", f"{s['correlation']['k']['spearman']:+.2f}",
+                f"{s['correlation']['snr_mean']['spearman']:+.2f}",
+            ]
+            for name, s in tuning.statistics.items()
+        ]  # fmt: skip
+        head = ["pairs", "number", "k ≤ 0.05", "RMS [m/s]", "> 3 RMS", "RMS without [m/s]",
+                "C/N0 [dB-Hz]", "rank corr. k", "rank corr. C/N0"]  # fmt: skip
+        out += ["<h2>Statistics</h2>", page.table(head, rows)]
+    if tuning.noise:
+        rows = [
+            [name, f"{f.noise.floor:.3f}", f"{f.noise.sigma_45:.3f}", f"{f.noise.decade_db:.1f}"]
+            for name, f in tuning.noise.items()
+        ]
+        head = ["Doppler noise", "floor [m/s]", "at 45 dB-Hz [m/s]", "tenfold per [dB]"]
+        out += ["<h2>Receivers</h2>", page.table(head, rows)]
+    return out

@@ -1,0 +1,145 @@
+"""Time, axes, signs and units from motion: an analytic drive, with and without faults."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from certnav.filters.earth import lla_to_ecef
+from certnav.nav.check.motion import (
+    Inertial,
+    accelerometer,
+    gyro,
+    leap_second_words,
+    offset_findings,
+    time_offset,
+)
+from certnav.nav.check.tracks import Track
+
+POSITION = np.radians([48.0, 11.0])
+
+
+def speed(t):
+    return 12.0 + 5.0 * np.sin(0.13 * t) + 2.0 * np.sin(0.031 * t**1.2)
+
+
+def course(t):
+    return 1.5 * np.sin(0.09 * t) + 0.8 * np.cos(0.05 * t + 0.002 * t**1.3)
+
+
+def track(rate: float = 2.0) -> Track:
+    t = np.arange(0.0, 240.0, 1.0 / rate)
+    vel_n = np.column_stack([speed(t) * np.cos(course(t)), speed(t) * np.sin(course(t)), 0.0 * t])
+    pos_e = np.tile(lla_to_ecef(*POSITION, 500.0), (t.size, 1))
+    return Track("GNSS velocity", t, pos_e, vel_n)
+
+
+def sensors(C: np.ndarray | None = None, gyro_factor: float = 1.0, late: float = 0.0) -> Inertial:
+    """Return the integrals of an error-free IMU with axes ``x_file = C @ x_vehicle``."""
+    t = np.arange(0.0, 240.0, 0.01)
+    C = np.eye(3) if C is None else C
+    right = np.cumsum(speed(t) * np.gradient(course(t), t)) * 0.01
+    velocity = np.column_stack([speed(t), right, -9.8 * t]) @ C.T
+    angle = np.column_stack([0.01 * np.sin(t), 0.01 * np.cos(1.3 * t), course(t)]) @ C.T
+    rate = np.gradient(angle, t, axis=0) * gyro_factor
+    return Inertial(t + late, angle * gyro_factor, velocity, rate)
+
+
+def only(findings):
+    (found,) = findings
+    return found
+
+
+def test_drive_in_order():
+    imu = sensors()
+    offset = time_offset(imu, track(), 0.0)
+    assert abs(offset.lag) < 0.01 and not offset.significant
+    assert only(gyro(imu, track())).severity == "note"
+    found = only(accelerometer(imu, track()))
+    assert found.severity == "note"
+    assert found.numbers["turned_deg"] == pytest.approx(0.0, abs=0.5)
+    assert found.numbers["gain"] == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("late", "severity", "words"),
+    [
+        (0.2, "doubtful", "0.20 ± 0.0. s late"),
+        (-0.3, "doubtful", "0.30 ± 0.0. s early"),
+        (18.0, "fatal", "18.00 .* late .*leap seconds"),
+        (-18.0, "fatal", "18.00 .* early .*leap seconds"),
+        (36.0, "fatal", "36.00 .* twice"),
+        (3.0, "fatal", r"3.00 .* late \([^)]*\)$"),
+    ],
+)
+def test_time_is_found_whatever_the_axes(late, severity, words):
+    C = [[0, 0, 1.0], [-1, 0, 0], [0, 1, 0]]
+    found = only(
+        offset_findings(time_offset(sensors(np.array(C), late=late), track(), 0.0), "GNSS")
+    )
+    assert found.severity == severity
+    assert re.search(words, found.found), found.found
+    assert found.numbers["offset_s"] == pytest.approx(late, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("C", "factor", "words"),
+    [
+        (np.diag([1.0, -1, -1]), 1.0, "sign is reversed"),
+        (np.eye(3), 180 / np.pi, "unit is deg/s"),
+        (np.eye(3), np.pi / 180, "unit is rad/s"),
+        (np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), 1.0, "on axis x"),
+        (np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), 180 / np.pi, "axis y.*reversed.*deg/s"),
+    ],
+)
+def test_gyro_faults_are_told_apart(C, factor, words):
+    found = only(gyro(sensors(C, factor), track()))
+    assert found.severity == "fatal"
+    assert re.search(words, found.found), found.found
+
+
+def test_gyro_scale_of_one_fifth_is_doubtful():
+    found = only(gyro(sensors(gyro_factor=0.8), track()))
+    assert found.severity == "doubtful" and "-20 %" in found.found
+
+
+@pytest.mark.parametrize("turn_deg", [-60.0, -30.0, 30.0, 90.0, 175.0])
+def test_mounting_angle_is_recovered(turn_deg):
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    C = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])  # vehicle forward seen in sensor axes
+    found = only(accelerometer(sensors(C), track()))
+    assert found.severity == ("fatal" if abs(turn_deg) > 45 else "doubtful")
+    assert found.numbers["turned_deg"] == pytest.approx(turn_deg, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("C", "words"),
+    [
+        (np.diag([1.0, -1, 1]), "right axis is reversed"),
+        (np.diag([-1.0, 1, 1]), "forward axis is reversed"),
+        (np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]]), "forward and right are swapped"),
+    ],
+)
+def test_left_handed_axes_are_named(C, words):
+    found = only(accelerometer(sensors(C), track()))
+    assert found.severity == "fatal" and "left-handed" in found.found and words in found.found
+
+
+def test_straight_even_drive_tells_nothing_and_accuses_nobody():
+    t = np.arange(0.0, 240.0, 0.5)
+    pos_e = np.tile(lla_to_ecef(*POSITION, 0.0), (t.size, 1))
+    noise = np.random.default_rng(0).normal(0.0, 0.05, (t.size, 3))
+    even = Track("GNSS velocity", t, pos_e, noise + np.array([15.0, 0.0, 0.0]))
+    imu = sensors()
+    quiet = Inertial(imu.time, 0.0 * imu.angle, 0.0 * imu.velocity, 0.0 * imu.gyro)
+    offset = time_offset(quiet, even, 0.0)
+    findings = [*offset_findings(offset, "GNSS"), *gyro(quiet, even), *accelerometer(quiet, even)]
+    assert {f.severity for f in findings} == {"note"}
+    assert all("cannot be told" in f.found for f in findings)
+
+
+def test_leap_seconds_are_only_those():
+    assert "leap" in leap_second_words(-18.05) and "twice" in leap_second_words(36.0)
+    assert leap_second_words(7.0) == leap_second_words(18.5) == leap_second_words(0.1) == ""

@@ -1,0 +1,212 @@
+"""The comparison: drift as defined, the same spells for everyone, page and directories agree."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from certnav.datasets.load import load
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.trajectory import fixes_from_truth
+from certnav.filters.errors import ConfigError, DataError
+from certnav.nav.commands import compare as compare_command
+from certnav.nav.compare.comparison import (
+    SIDECAR,
+    Comparison,
+    Run,
+    as_dict,
+    compare,
+    spell_figures,
+    statistics,
+)
+from certnav.nav.compare.degradation import parse_outages
+from certnav.nav.compare.methods import METHODS, parse_methods
+from certnav.nav.compare.report import build_page, merge, write_page
+from certnav.nav.config import Config
+from certnav.nav.evaluation.accuracy import evaluate
+from certnav.nav.windows.recording import summary
+
+
+def _drive(noise: bool = True):
+    simulation = simulate(
+        SimulationConfig(
+            name="made", seed=4, duration=150.0, density="open", imu_rate=25.0, noise=noise,
+            static_start=20.0, imu="consumer", atmosphere=noise, receiver_clock=noise,
+        )
+    )  # fmt: skip
+    time = np.arange(1.0, 149.0) + simulation.config.start_time
+    lever = simulation.calibration.lever_antenna_b
+    sigma = (1.0, 0.05) if noise else (0.0, 0.0)
+    rng = np.random.default_rng(5)
+    fixes = fixes_from_truth(simulation.trajectory, time, lever, *sigma, rng)
+    return simulation.sequence(fixes)
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    """Every kind of method over 30 s spells with two or three satellites."""
+    methods = "gnss-only,alignment-only,lc4,lc+ddia,lc+rows,lc+rows+vehicle+smooth"
+    return compare(
+        [_drive()], parse_methods(methods + ",alignment-heading"), parse_outages("38/74:2-3"),
+        Config(), seeds=2,
+    )  # fmt: skip
+
+
+def test_drift_is_what_the_definition_says(drive):
+    solution, sequence = drive(noise=0.0)
+    evaluation = evaluate(solution, sequence)
+    start, end = evaluation.time[0] + 50.0, evaluation.time[0] + 80.0
+    t = np.clip(evaluation.time - start, 0.0, 30.0)
+    # 5 m north throughout, a detour of 12 m east that is over at the end
+    error = np.zeros_like(evaluation.error_pos_n)
+    error[:, 0], error[:, 1] = 5.0, 12.0 * np.sin(np.pi * t / 30.0)
+    found = spell_figures(dataclasses.replace(evaluation, error_pos_n=error), start, end)
+    assert found.drift == pytest.approx(12.0, rel=1e-3)
+    assert found.max_error == pytest.approx(13.0, rel=1e-3)
+    assert found.final_error == pytest.approx(5.0, abs=0.2)
+    np.testing.assert_allclose(found.growth, 12.0 * np.sin(np.pi * found.since / 30.0), atol=0.3)
+
+
+def test_a_spell_without_reference_epochs_is_no_spell(drive):
+    evaluation = evaluate(*drive(noise=0.0))
+    assert spell_figures(evaluation, evaluation.time[-1] + 10.0, evaluation.time[-1] + 40.0) is None
+
+
+def test_statistics_of_maxima():
+    found = statistics([3.0, 4.0, float("nan")])
+    assert found["median"] == 3.5 and found["rms_of_maxima"] == pytest.approx(np.sqrt(12.5))
+    assert statistics([]) == {"median": None, "rms_of_maxima": None, "p95": None}
+
+
+def test_everyone_has_the_same_spells(comparison):
+    spells = {
+        (run.variant, tuple((s.start, s.end) for s in run.spells))
+        for run in comparison.runs
+        if run.spells
+    }
+    assert len(spells) == 2  # one set of spells a seed, whatever the method
+
+
+def test_doppler_below_four_holds_what_inertial_alone_loses(comparison):
+    drift = {n: f["drift_m"]["rms_of_maxima"] for n, f in as_dict(comparison)["methods"].items()}
+    assert drift["lc+rows"] < drift["lc4"] < drift["gnss-only"]
+    assert drift["lc+ddia"] < 0.2 * drift["lc4"]
+    assert drift["lc+rows+vehicle+smooth"] < 0.2 * drift["lc4"]
+
+
+def test_held_positions_drift_by_the_way_driven(comparison):
+    drive = _drive()
+    run = comparison.of("gnss-only")[0]
+    for spell in run.spells:
+        rows = (drive.reference.time >= spell.start) & (drive.reference.time < spell.end)
+        pos_e = drive.reference.pos_e[rows]
+        away = np.linalg.norm(pos_e - pos_e[0], axis=1).max()
+        speed = np.linalg.norm(drive.reference.vel_e[rows], axis=1).max()
+        assert abs(spell.drift - away) < 2.5 * speed + 5.0  # held from up to an epoch before
+    assert run.availability < 0.75
+
+
+def test_what_is_not_available_says_why(comparison):
+    found = as_dict(comparison)["methods"]["alignment-heading"]
+    assert found["runs"] == 0 and "odometer" in found["not_available"][0]
+
+
+def test_exact_data_drift_nowhere():
+    found = compare(
+        [_drive(noise=False)], parse_methods("lc4,lc+rows"), parse_outages("38/74:3"), Config()
+    )
+    for name, figures in as_dict(found)["methods"].items():
+        assert figures["spells"] == 2, name
+    rows = as_dict(found)["methods"]["lc+rows"]["drift_m"]["rms_of_maxima"]
+    assert rows < 0.3
+
+
+def test_a_drive_without_reference_is_judged_by_its_own_smoothed_solution():
+    drive = dataclasses.replace(_drive(), reference=None)
+    found = compare([drive], parse_methods("lc4,lc+rows"), parse_outages("38/74:3"), Config())
+    assert any("no reference" in note for note in found.notes)
+    drift = {n: f["drift_m"]["rms_of_maxima"] for n, f in as_dict(found)["methods"].items()}
+    assert drift["lc+rows"] < drift["lc4"]
+
+
+def test_page_is_one_self_contained_file(comparison, tmp_path):
+    page = write_page(comparison, tmp_path / "out").read_text(encoding="utf-8")
+    assert "http" not in page.replace("http-equiv", "").split("<body>")[1].split("data:")[0]
+    for name in comparison.methods:
+        assert name in page
+    for title in ("Drift per spell", "What each step bought", "Tracks", "time since loss"):
+        assert title in page
+    content = json.loads((tmp_path / "out" / "comparison.json").read_text(encoding="utf-8"))
+    assert set(content["methods"]["lc4"]["drift_m"]) == {"median", "rms_of_maxima", "p95"}
+    assert "horizontal_rms_m" in content["methods"]["lc4"]["errors"]
+
+
+def test_merged_directories_give_the_same_figures(tmp_path):
+    made = compare(
+        [_drive()], parse_methods("lc4,lc+rows"), parse_outages("38/74:3"), Config(),
+        out=tmp_path,
+    )  # fmt: skip
+    assert (tmp_path / "lc4" / "summary.json").is_file()
+    assert (tmp_path / "lc+rows" / SIDECAR).is_file()
+    merged = merge([tmp_path])
+    one, two = as_dict(made)["methods"], as_dict(merged)["methods"]
+    for name in ("lc4", "lc+rows"):
+        for key, value in one[name]["drift_m"].items():
+            assert two[name]["drift_m"][key] == pytest.approx(value, abs=1e-3)
+        assert two[name]["errors"]["horizontal_rms_m"] == pytest.approx(
+            one[name]["errors"]["horizontal_rms_m"], abs=1e-3
+        )
+    assert "Drift per spell" in build_page(merged)
+
+
+def test_nothing_to_merge_is_said(tmp_path):
+    with pytest.raises(DataError, match="no certnav result"):
+        merge([tmp_path])
+
+
+def test_unknown_method_names_the_nearest():
+    with pytest.raises(ConfigError, match=r"lc\+rows"):
+        parse_methods("lc+row")
+    assert [m.name for m in parse_methods("all")] == list(METHODS)
+
+
+def test_methods_differ_in_what_they_are_named_for():
+    config = METHODS["lc4"].config(Config())
+    assert config.gnss.below_four == "off" and not config.vehicle.zupt and not config.filter.smooth
+    config = METHODS["lc+ddia+vehicle+smooth"].config(Config())
+    assert config.gnss.below_four == "ddia" and config.vehicle == Config().vehicle
+    assert config.filter.smooth
+
+
+def test_command_refuses_to_overwrite_what_is_not_its_own(tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine", encoding="utf-8")
+    parser = argparse.ArgumentParser()
+    compare_command.add_arguments(parser)
+    with pytest.raises(DataError, match="not a comparison"):
+        compare_command.run(parser.parse_args([str(tmp_path), "--out", str(tmp_path)]))
+    assert (tmp_path / "thesis.txt").is_file()
+
+
+def test_certified_only_and_window_headings_on_a_recording(data_dir, tmp_path):
+    methods = parse_methods("certified-only,lc4,alignment-heading")
+    sequence = load(data_dir / "comma2k19-example1")
+    found = compare([sequence], methods, parse_outages("30-50"), Config())
+    table = as_dict(found)["methods"]
+    certified, lc4 = table["certified-only"], table["lc4"]
+    # The same start; without any GNSS after it the position can only be worse.
+    assert certified["errors"]["horizontal_rms_m"] > lc4["errors"]["horizontal_rms_m"]
+    assert certified["updates"]["position"]["accepted"] < lc4["updates"]["position"]["accepted"]
+    headings = table["alignment-heading"]
+    assert "alignment_windows" in headings or headings["not_available"]
+    page = write_page(found, tmp_path).read_text(encoding="utf-8")
+    assert "certified-only" in page and "alignment-heading" in page
+
+
+def test_window_headings_are_on_the_page():
+    weak = {"windows_in_spells": 0, "solved_in_spells": 0, "mae_in_spells_deg": float("nan")}
+    run = Run("alignment-heading", "drive", "@0", headings=summary([]) | weak)
+    assert "Heading of sliding-window alignment" in build_page(Comparison((run,), {}, "60/180"))

@@ -1,0 +1,116 @@
+"""Spells without inertial data: found where they are, and paid for in covariance."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from certnav.datasets.sequence import ImuData, Sequence
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.trajectory import fixes_from_truth
+from certnav.nav.config import Config, from_tables
+from certnav.nav.engine.blind import blind_spells, is_gap
+from certnav.nav.engine.gnss import gnss_timeline
+from certnav.nav.evaluation.accuracy import evaluate
+from certnav.nav.pipeline import navigate
+
+
+@pytest.fixture(scope="module")
+def drive():
+    config = SimulationConfig(seed=0, duration=160.0, density="open")
+    simulation = simulate(config)
+    fixes = fixes_from_truth(
+        simulation.trajectory, config.start_time + np.arange(1.0, 159.0),
+        config.lever_antenna_b, 1.0, 0.05, np.random.default_rng(0),
+    )  # fmt: skip
+    return dataclasses.replace(simulation.sequence(fixes), observations=None)
+
+
+def turn(sequence: Sequence) -> int:
+    """Return the first IMU sample of the ten seconds that turn most."""
+    rate = np.cumsum(sequence.imu.gyro_b[:, 2]) * sequence.imu.interval
+    return int(np.argmax(np.abs(rate[1000:] - rate[:-1000])))
+
+
+def without(sequence: Sequence, k: int, samples: int) -> Sequence:
+    keep = np.ones(len(sequence.imu), dtype=bool)
+    keep[k : k + samples] = False
+    imu = sequence.imu
+    return dataclasses.replace(
+        sequence, imu=ImuData(imu.time[keep], imu.gyro_b[keep], imu.accel_b[keep])
+    )
+
+
+def frozen(sequence: Sequence, k: int, samples: int, gyro: bool, accel: bool) -> Sequence:
+    imu, rows = sequence.imu, slice(k, k + samples)
+    gyro_b, accel_b = imu.gyro_b.copy(), imu.accel_b.copy()
+    if gyro:
+        gyro_b[rows] = gyro_b[k]
+    if accel:
+        accel_b[rows] = accel_b[k]
+    return dataclasses.replace(sequence, imu=ImuData(imu.time, gyro_b, accel_b))
+
+
+def spells(sequence):
+    return blind_spells(sequence.imu, gnss_timeline(sequence, Config().gnss).events)
+
+
+def test_a_sound_drive_has_none(drive):
+    assert spells(drive) == []
+
+
+def test_gap_and_frozen_sensors_are_found_where_they_are(drive):
+    k, time = turn(drive), drive.imu.time
+    assert spells(without(drive, k, 300)) == [(time[k - 1], time[k + 300])]
+    assert spells(frozen(drive, k, 300, True, False)) == [(time[k], time[k + 299])]
+    both = frozen(without(drive, k + 250, 300), k, 250, True, True)
+    assert spells(both) == [(time[k], time[k + 550])]  # touching spells are one
+
+
+def test_values_that_repeat_at_rest_are_not_frozen(drive):
+    """Exact data of a vehicle that stands repeat; only GNSS can tell."""
+    at_rest = frozen(drive, 100, 2000, True, True)
+    assert (np.diff(at_rest.imu.gyro_b[100:2100], axis=0) == 0.0).all()
+    assert spells(at_rest) == []
+
+
+def test_a_missing_sample_is_no_gap():
+    assert not is_gap(0.02, 0.01) and not is_gap(0.05, 0.01)
+    assert is_gap(0.06, 0.01)
+    assert not is_gap(0.25, 0.1)  # three intervals of a slow sensor
+
+
+@pytest.mark.parametrize("fault", ["gap", "gyro", "accelerometer"])
+def test_the_solution_stays_within_its_sigma(drive, fault):
+    """Five blind seconds in a turn: without the widening the errors are tens of 3σ."""
+    k = turn(drive)
+    broken = {
+        "gap": lambda: without(drive, k, 500),
+        "gyro": lambda: frozen(drive, k, 500, True, False),
+        "accelerometer": lambda: frozen(drive, k, 500, False, True),
+    }[fault]()
+    solution = navigate(broken, Config())
+    assert any("covariance is widened" in note for note in solution.notes)
+    result, sound = evaluate(solution, broken), evaluate(navigate(drive, Config()), drive)
+    ratio = np.abs(result.error_pos_n[:, :2]) / (3.0 * result.sigma_pos_n[:, :2])
+    assert ratio.max() < 1.5
+    assert result.metrics["horizontal_max_m"] < sound.metrics["horizontal_max_m"] + 3.0
+
+
+def test_the_covariance_grows_as_a_rate_error_makes_it(drive):
+    """Attitude σ over a gap without updates: TURN times its length, added to what it was."""
+    k = turn(drive)
+    broken = without(drive, k, 300)
+    end = drive.imu.time[k + 300]
+    fixes = broken.fixes.take(
+        (broken.fixes.time < drive.imu.time[k] - 1.0) | (broken.fixes.time > end + 1)
+    )
+    alone = from_tables({"vehicle": {"nhc": "off", "zupt": False, "zaru": False}})
+    trajectory = navigate(dataclasses.replace(broken, fixes=fixes), alone).trajectory
+    at = np.searchsorted(trajectory.time, end + 1e-3)
+    down = np.sqrt(trajectory.cov_att_n[at - 1, 2, 2])
+    before = np.sqrt(
+        trajectory.cov_att_n[np.searchsorted(trajectory.time, drive.imu.time[k]) - 2, 2, 2]
+    )
+    assert before < 0.05
+    assert down == pytest.approx(np.hypot(0.3 * 3.0, before), rel=0.05)

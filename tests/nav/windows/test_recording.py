@@ -1,0 +1,187 @@
+"""Window-wise alignment: exact on simulated data, sane on real data, refusals in one line."""
+
+import dataclasses
+import json
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from certnav.alignment.problem import ClockModel
+from certnav.alignment.reference.simulation import simulate_window
+from certnav.datasets.load import load
+from certnav.datasets.sequence import Odometer
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.filters.errors import AlignmentError, ConfigError
+from certnav.nav.commands.cli import main
+from certnav.nav.windows.noise import fit_window_noise
+from certnav.nav.windows.recording import WindowOptions, align_recording, align_windows, summary
+from certnav.velocity.range_rate import DopplerNoise
+
+
+class Labels(NamedTuple):
+    """What the fit asks of observations."""
+
+    time: np.ndarray
+    sat: np.ndarray
+    cn0: np.ndarray
+
+
+@pytest.fixture(scope="module")
+def exact():
+    """A minute and a half of driving without noise, with an odometer made from the truth."""
+    config = SimulationConfig(
+        seed=5, duration=90.0, density="open", noise=False, atmosphere=False, static_start=5.0
+    )
+    simulation = simulate(config)
+    trajectory, calibration = simulation.trajectory, simulation.calibration
+    time = simulation.imu.time[5:-5]
+    k = trajectory.kinematics(time, calibration.lever_vehicle_b)
+    speed = np.einsum("ni,ni->n", k.vel_e, k.C_eb[:, :, 0])
+    return dataclasses.replace(simulation.sequence(), odometer=Odometer(time, speed))
+
+
+@pytest.mark.parametrize("method", ["certified", "sdp", "voba"])
+def test_exact_data_give_the_heading(exact, method):
+    results = align_windows(exact, WindowOptions(method=method, window=20.0, step=10.0))
+    moving = [r for r in results if np.isfinite(r.error) and (r.passed or r.status == "BASELINE")]
+    assert len(moving) >= 4
+    # The Earth's rate is left out of the local attitude: 0.1° over a window.
+    assert np.degrees(np.median([abs(r.error) for r in moving])) < 0.1
+    assert np.degrees(max(abs(r.error) for r in moving)) < 0.5
+
+
+def test_two_satellites_are_enough_or_said_not_to_be(exact):
+    """A certified window is right; with two satellites a planar window may only be ambiguous."""
+    options = WindowOptions(method="sdp", satellites=2.5, window=20.0, step=10.0)
+    passed = [r for r in align_windows(exact, options) if r.passed]
+    assert passed
+    assert max(abs(np.degrees(r.error)) for r in passed) < 2.0
+
+
+def test_real_car_in_san_francisco(data_dir):
+    results = align_windows(load(data_dir / "comma2k19-example1"), WindowOptions(method="sdp"))
+    numbers = summary(results)
+    assert numbers["passed"] == numbers["windows"] == 9
+    assert numbers["mae_deg"] < 1.5 and numbers["max_deg"] < 2.0
+
+
+def test_labels_tell_reflected_signals_apart(data_dir):
+    """Berlin: with reflected rows windows break outright, without them they do not."""
+    sequence = load(data_dir / "smartloc-berlin1")
+    every, clear = (
+        summary(align_windows(sequence, WindowOptions(method="sdp", clock="linear", labels=labels)))
+        for labels in ("all", "los")
+    )
+    assert clear["max_deg"] < 10.0 < 30.0 < every["max_deg"]
+
+
+def test_no_wrong_window_passes_the_verdicts(data_dir):
+    """The SDP certifies windows that reflections have made wrong by 100°; the verdicts do not."""
+    sequence = load(data_dir / "smartloc-berlin1")
+    for method, step in (("certified", 5.0), ("robust", 45.0)):
+        results = align_windows(sequence, WindowOptions(method=method, step=step))
+        assert results and not any(r.passed and abs(r.error) > r.bound for r in results)
+
+
+def test_the_same_draw_keeps_the_same_satellites(exact):
+    options = WindowOptions(satellites=3.0, seed=4)
+    one, two = (align_windows(exact, options) for _ in range(2))
+    assert [r.heading for r in one] == [r.heading for r in two]
+    assert all(r.satellites == pytest.approx(3.0) for r in one)
+
+
+def test_mistakes_are_named(exact):
+    with pytest.raises(ConfigError, match="did you mean 'voba'"):
+        WindowOptions(method="vobba")
+    with pytest.raises(ConfigError, match="expected 'all' or 'los'"):
+        WindowOptions(labels="nlos")
+    with pytest.raises(ConfigError, match="expected 'assumed' or 'fitted'"):
+        WindowOptions(noise="guessed")
+    with pytest.raises(ConfigError, match="level"):
+        WindowOptions(level_deg=0.0)
+    with pytest.raises(AlignmentError, match="no odometer"):
+        align_windows(dataclasses.replace(exact, odometer=None), WindowOptions())
+    with pytest.raises(AlignmentError, match="less than one window"):
+        align_windows(exact, WindowOptions(window=500.0))
+
+
+def test_command_prints_table_and_json(data_dir, tmp_path, capsys):
+    path = str(data_dir / "comma2k19-example1")
+    picture = tmp_path / "windows.png"
+    assert main(["align", path, "--plot", str(picture)]) == 0
+    assert "passed" in capsys.readouterr().out
+    assert picture.stat().st_size > 10_000
+    assert main(["align", path, "--json", "--method", "gauss-newton"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert len(result["windows"]) == 9
+    assert {"heading_deg", "error_deg", "status", "chi2_per_dof"} <= set(result["windows"][0])
+    assert result["noise"]["source"] == "assumed"
+
+
+def test_level_vehicle_and_fitted_noise_find_the_heading(exact):
+    options = WindowOptions(
+        method="robust", noise="fitted", level_deg=2.0, window=20.0, step=20.0, decimate=2
+    )
+    results, noise = align_recording(exact, options)
+    passed = [r for r in results if r.passed]
+    assert passed and all(abs(r.error) < r.bound for r in passed)
+    assert noise.source == "fitted"
+    # The only errors are those of the model: the Earth's rate in the gyros, hills.
+    assert noise.doppler.sigma(45.0) < 0.05 and noise.clock_walk == 0.02
+
+
+def test_noise_of_one_recording_comes_back():
+    """What was put into simulated windows: σ by C/N0, a clock that walks, no correlation."""
+    true, windows = DopplerNoise(0.12, 0.03, decade_db=18.0), []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        w = simulate_window(rng, 7, epochs=60, interval=0.5, speed=10.0, clock_walk=0.05)
+        cn0 = rng.uniform(32.0, 50.0, len(w.rows))
+        z = w.rows.z + true.sigma(cn0) * rng.standard_normal(cn0.size)
+        sat = np.array([f"G{k % 7:02d}" for k in range(cn0.size)])
+        z[sat == "G03"] += 9.0 * (seed == 2)  # one reflection
+        rows = dataclasses.replace(w.rows, z=z)
+        windows.append((rows, Labels(rows.time, sat, cn0)))
+    noise = fit_window_noise(windows, ClockModel("random-walk", 0.1))
+    level = np.array([35.0, 40.0, 45.0])
+    np.testing.assert_allclose(noise.doppler.sigma(level), true.sigma(level), rtol=0.2)
+    assert noise.correlated == pytest.approx(1.0, abs=0.4)
+    assert 0.03 < noise.clock_walk < 0.08
+
+
+def test_no_passed_window_of_either_city_is_wrong(data_dir):
+    """Fitted noise and a level vehicle: windows pass, and none beyond its bound."""
+    for name, how in (
+        ("smartloc-berlin1", {"min_cn0": 40.0}),
+        ("comma2k19-example1", {"decimate": 10}),
+    ):
+        options = WindowOptions(
+            method="robust",
+            noise="fitted",
+            level_deg=2.0,
+            step=15.0 if "comma" in name else 5.0,
+            **how,
+        )
+        results = align_windows(load(data_dir / name), options)
+        passed = [r for r in results if r.passed]
+        assert passed and all(abs(r.error) < r.bound for r in passed)
+        assert max(abs(np.degrees(r.error)) for r in results) < 5.0
+
+
+def test_proofs_are_written_verified_and_refused_when_tampered_with(data_dir, tmp_path, capsys):
+    path, proof = str(data_dir / "smartloc-berlin1"), tmp_path / "proof.json"
+    assert main(["align", path, "--step", "20", "--proof", str(proof)]) == 0
+    table = capsys.readouterr().out
+    assert "OUABCK" in table and "Doppler σ assumed" in table
+    assert main(["verify", str(proof)]) == 0
+    assert "3 of 3 proofs hold" in capsys.readouterr().out
+    content = json.loads(proof.read_text())
+    content["proofs"][1]["multipliers"][4] = "7"
+    proof.write_text(json.dumps(content))
+    assert main(["verify", str(proof)]) == 1
+    assert "2 of 3 proofs hold" in capsys.readouterr().out
+    assert main(["align", path, "--method", "sdp", "--proof", str(proof)]) == 1
+    assert "'sdp' proves nothing" in capsys.readouterr().err
+    assert main(["verify", str(tmp_path / "nothing.json")]) == 1
+    assert "nothing.json" in capsys.readouterr().err
