@@ -17,6 +17,7 @@ from ..filters.earth import OMEGA_IE_E, C_en_of, gravity_e
 from ..filters.errors import AlignmentError
 from ..filters.rotation import FloatArray, matrix_from_rotvec, matrix_from_rpy, rpy_from_matrix
 from ..filters.sensors import ImuSpec
+from ..filters.standstill import is_quiet, own_spread
 from ..filters.strapdown import InertialStream
 
 #: Longest window used for levelling [s].
@@ -29,8 +30,6 @@ SHORTEST_UNSEEN = 3.0
 _BLOCK = 1.0
 #: GNSS speed above which the vehicle is certainly moving [m/s].
 REST_SPEED = 0.5
-#: Spread within a second, per axis, that an idling engine may add to the sensor's own noise.
-_IDLE_GYRO, _IDLE_ACCEL = np.radians(0.3), 0.15
 #: Change of the blocks' means, per axis, within a quiet stretch.
 _DRIFT_GYRO, _DRIFT_ACCEL = np.radians(0.2), 0.08
 #: Error of the speed gained since a standstill, per second: half of 10 mg.
@@ -252,12 +251,8 @@ def _quiet_stretches(
         return
     gyro = stream.gyro[: blocks * n].reshape(blocks, n, 3)
     accel = stream.accel[: blocks * n].reshape(blocks, n, 3)
-    own_gyro, own_accel = (
-        imu.gyro_noise_density / np.sqrt(dt),
-        imu.accel_noise_density / np.sqrt(dt),
-    )
-    quiet = (gyro.std(axis=1) < 3.0 * own_gyro + _IDLE_GYRO).all(axis=1)
-    quiet &= (accel.std(axis=1) < 3.0 * own_accel + _IDLE_ACCEL).all(axis=1)
+    own_gyro, own_accel = own_spread(imu, dt)
+    quiet = is_quiet(gyro, accel, imu, dt, 3.0)
     # The noise of a block's mean on top of what may drift.
     limit_gyro = _DRIFT_GYRO + 6.0 * own_gyro / np.sqrt(n)
     limit_accel = _DRIFT_ACCEL + 6.0 * own_accel / np.sqrt(n)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .earth import OMEGA_IE_E
 from .error_model import ATT, GYRO_BIAS, VEL
+from .levers import lever_velocity, rate_over_earth
 from .measurements import Measurement
 from .rotation import FloatArray, skew
 from .strapdown import NavState
@@ -32,9 +33,9 @@ def vehicle_velocity(
     lever_b : array_like, shape (3,)
         From the IMU to the constrained point, body axes [m].
     """
-    omega_eb = np.asarray(omega_b, dtype=float) - state.C_eb.T @ OMEGA_IE_E
-    vel_b = state.C_eb.T @ state.vel_e + np.cross(omega_eb, np.asarray(lever_b, dtype=float))
-    return np.asarray(C_bv, dtype=float).T @ vel_b
+    rate_b = rate_over_earth(state.C_eb, omega_b)
+    vel_e = state.vel_e + lever_velocity(state.C_eb, rate_b, lever_b)
+    return np.asarray(C_bv, dtype=float).T @ (state.C_eb.T @ vel_e)
 
 
 def _vehicle_jacobian(

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 
 from . import _kernels
 from ._jit import COMPILED
-from .error_model import ACCEL_BIAS, ATT, CLOCK_DRIFT_SIGMA, GYRO_BIAS, POS, VEL, ErrorModel
+from .error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
 from .errors import DataError
+from .gnss_states import GnssStates
 from .measurement_update import Update, compiled, innovation, turned, with_filterpy
 from .measurements import Measurement
 from .rotation import FloatArray
@@ -111,8 +112,7 @@ class ErrorStateFilter:
         self.bias = np.zeros(12)
         self.bias[0:3], self.bias[3:6] = gyro_bias, accel_bias
         self.odometer_scale = 0.0
-        self.clock_drift = 0.0
-        self.fix_bias = np.zeros(3)
+        self.gnss = GnssStates(model)
         self.omega_b = np.zeros(3)
         self._noise = model.noise()
         self._update: Update = with_filterpy if filterpy else compiled
@@ -135,6 +135,16 @@ class ErrorStateFilter:
     def state(self) -> NavState:
         """The current estimate."""
         return NavState(self.time, self.pos_e, self.vel_e, self.C_eb)
+
+    @property
+    def gyro_bias(self) -> FloatArray:
+        """Estimated gyro bias, body axes [rad/s], shape (3,)."""
+        return self.bias[0:3]
+
+    @property
+    def accel_bias(self) -> FloatArray:
+        """Estimated accelerometer bias, body axes [m/s²], shape (3,)."""
+        return self.bias[3:6]
 
     @property
     def rows(self) -> FloatArray:
@@ -184,41 +194,13 @@ class ErrorStateFilter:
             self._rows, self._cursor, self._period,
         )  # fmt: skip
         if until > self.time:
-            self._age(min(until, self.stream.end) - self.time)
+            phi = self.gnss.age(self.P, min(until, self.stream.end) - self.time)
+            if phi is not None and self.tape is not None:
+                self._phi[:] = phi @ self._phi
             self.omega_b = omega
             if self.tape is not None:
                 self.tape.predict(before, self._phi.copy(), self.P.copy())
         self.time = min(until, self.stream.end)
-
-    def _age(self, dt: float) -> None:
-        """Let the errors of GNSS change: drift of the clock walks, what positions share fades."""
-        model = self.model
-        if model.clock is not None:
-            self.P[model.clock, model.clock] += model.clock_walk**2 * dt
-        if model.fix_bias is not None:
-            phi = self._fade(float(np.exp(-dt / model.fix_correlation)))
-            if self.tape is not None:
-                self._phi[:] = phi @ self._phi
-
-    def _fade(self, factor: float) -> FloatArray:
-        """Make the shared error of positions `factor` of itself; return the transition matrix."""
-        shared, phi = self.model.fix_bias, np.eye(self.model.size)
-        assert shared is not None
-        phi[shared] *= factor
-        self.fix_bias *= factor
-        self.P[shared] *= factor
-        self.P[:, shared] *= factor
-        self.P[shared, shared] += (1.0 - factor**2) * np.eye(3)
-        return phi
-
-    def other_satellites(self, overlap: float) -> None:
-        """Tell that a position has so much in common with the one before, 0 … 1, by satellites."""
-        if self.model.fix_bias is None or overlap >= 1.0:
-            return
-        before = self.P.copy()
-        phi = self._fade(overlap)
-        if self.tape is not None:
-            self.tape.predict(before, phi, self.P.copy())
 
     def reconsider(self, P: FloatArray, phi: FloatArray | None = None) -> None:
         """Put `P` in the covariance's place at this instant; the smoother learns of it.
@@ -309,17 +291,6 @@ class ErrorStateFilter:
             self.reconsider(self.P + (factor - 1.0) * 0.5 * (more + more.T))
         return factor
 
-    def forget_clock(self) -> None:
-        """Take the receiver's clock drift for unknown: it has jumped."""
-        clock = self.model.clock
-        if clock is None:
-            return
-        phi, P = np.eye(self.model.size), self.P.copy()
-        phi[clock, clock] = 0.0
-        P[clock], P[:, clock] = 0.0, 0.0
-        P[clock, clock] = CLOCK_DRIFT_SIGMA**2
-        self.reconsider(P, phi)
-
     def _feed_back(self, x: FloatArray) -> None:
         self.pos_e += x[POS]
         self.vel_e += x[VEL]
@@ -327,10 +298,7 @@ class ErrorStateFilter:
         self.bias[0:3] += x[GYRO_BIAS]
         self.bias[3:6] += x[ACCEL_BIAS]
         self.bias[6 : 6 + self.model.states - 15] += x[15 : self.model.states]
-        if self.model.clock is not None:
-            self.clock_drift += float(x[self.model.clock])
-        if self.model.fix_bias is not None:
-            self.fix_bias += x[self.model.fix_bias]
+        self.gnss.feed_back(x)
         if self.model.odometer:
             self.odometer_scale += float(x[-1])
         if self.tape is not None:

@@ -35,6 +35,7 @@ from numpy.typing import ArrayLike
 
 from . import _kernels
 from .errors import ConfigError
+from .gnss_states import CLOCK_DRIFT_SIGMA, shared_root
 from .rotation import FloatArray
 from .sensors import ImuSpec
 
@@ -43,10 +44,6 @@ GYRO_BIAS, ACCEL_BIAS = slice(9, 12), slice(12, 15)
 GYRO_SCALE, ACCEL_SCALE = slice(15, 18), slice(18, 21)
 #: Initial 1σ of an odometer's scale factor: tyre wear and pressure.
 ODOMETER_SCALE_SIGMA = 0.02
-#: Initial 1σ of a receiver's clock drift [m/s]: 3 ppm, what any quartz keeps.
-CLOCK_DRIFT_SIGMA = 1000.0
-#: Share of a position's variance that successive positions have in common.
-SHARED = 0.9
 
 
 @dataclass(frozen=True)
@@ -184,13 +181,3 @@ class ErrorModel:
         phi[ACCEL_BIAS, ACCEL_BIAS] *= decay
         _kernels.transition(F, np.eye(self.size), phi[:9])
         return phi
-
-
-def shared_root(cov_e: ArrayLike) -> FloatArray:
-    """Return B with BBᵀ = `SHARED` times the covariance of a position: its error is B b + noise.
-
-    The symmetric root, so that a slowly changing covariance means a slowly changing error.
-    """
-    values, axes = np.linalg.eigh(np.asarray(cov_e, dtype=float))
-    root: FloatArray = (axes * np.sqrt(SHARED * np.maximum(values, 0.0))) @ axes.T
-    return root

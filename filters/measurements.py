@@ -10,8 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .earth import OMEGA_IE_E, OMEGA_IE_SKEW
-from .error_model import ATT, GYRO_BIAS, POS, SHARED, VEL, shared_root
+from .earth import OMEGA_IE_SKEW
+from .error_model import ATT, GYRO_BIAS, POS, VEL
+from .gnss_states import SHARED, shared_root
+from .levers import lever_velocity, rate_over_earth
 from .rotation import FloatArray, skew
 from .strapdown import NavState
 
@@ -45,8 +47,8 @@ def antenna_velocity(state: NavState, omega_b: ArrayLike, lever_b: ArrayLike) ->
 
     `omega_b` is ω_ib^b [rad/s], corrected; the lever turns with ω_eb^b = ω_ib^b − C_be ω_ie.
     """
-    omega_eb = np.asarray(omega_b, dtype=float) - state.C_eb.T @ OMEGA_IE_E
-    return state.vel_e + state.C_eb @ (skew(omega_eb) @ np.asarray(lever_b, dtype=float))
+    rate_b = rate_over_earth(state.C_eb, omega_b)
+    return state.vel_e + lever_velocity(state.C_eb, rate_b, lever_b)
 
 
 def position(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..filters.levers import lever_velocity
 from ..filters.rotation import FloatArray
 
 
@@ -74,10 +75,9 @@ def forward_motion(
     forward_b = np.eye(3)[:, 0] if C_bv is None else np.asarray(C_bv, dtype=float)[:, 0]
     u_e = C_eb @ forward_b
     arm_b = np.asarray(lever_antenna_b, dtype=float) - np.asarray(lever_vehicle_b, dtype=float)
-    swing_b = np.cross(np.asarray(omega_eb_b, dtype=float), arm_b)
     return ForwardMotion(
         u_e / np.linalg.norm(u_e, axis=-1, keepdims=True),  # (19)
-        np.einsum("...ij,...j->...i", C_eb, swing_b),
+        lever_velocity(C_eb, omega_eb_b, arm_b),
         np.zeros((3, 3)) if att_cov_e is None else np.asarray(att_cov_e, dtype=float),
         sigma_cross,
     )

@@ -17,6 +17,7 @@ from ...datasets.sequence import GnssObservations
 from ...filters.earth import EARTH_RATE
 from ...filters.errors import AlignmentError, ConfigError
 from ...filters.rotation import FloatArray
+from ...filters.standstill import is_quiet
 from ...filters.strapdown import InertialStream
 from ...velocity.range_rate import doppler_rows
 from .align import InertialAlignment, align_epochs, glimpse
@@ -25,8 +26,6 @@ from .unknowns import InertialOptions
 
 #: Spread of z over satellites, in σ, up to which an epoch looks like a standstill.
 _STILL = 3.0
-#: Gyro within a second, per axis, beyond its own noise, while the engine idles [rad/s].
-_IDLE_GYRO = np.radians(0.3)
 #: A first look at a window is right to a factor of two: beyond so many times the limit for the
 #: heading nothing can come of it.
 _HOPELESS = 2.0
@@ -191,8 +190,7 @@ class MotionAligner:
         if len(gyro) <= 10:
             return None
         interval = (end - start) / len(gyro)
-        limit = 3.0 * imu.gyro_noise_density / np.sqrt(interval) + _IDLE_GYRO
-        if np.any(gyro.std(axis=0) > limit):
+        if not is_quiet(gyro, None, imu, interval, 3.0):
             return None
         noise = imu.gyro_noise_density / np.sqrt(end - start)
         sigma = np.sqrt(noise**2 + imu.gyro_bias_sigma**2 + EARTH_RATE**2)

@@ -11,9 +11,9 @@ import numpy as np
 
 from ...datasets.sequence import Calibration
 from ...filters import measurements
-from ...filters.earth import OMEGA_IE_E
 from ...filters.ekf import ErrorStateFilter
 from ...filters.error_model import ATT
+from ...filters.levers import rate_over_earth
 from ...filters.measurements import Measurement
 from ...velocity.ddia import AidedVelocity
 from ...velocity.forward_motion import ForwardMotion, forward_motion
@@ -38,7 +38,7 @@ def filter_motion(
     """
     return forward_motion(
         kalman.C_eb,
-        kalman.omega_b - kalman.C_eb.T @ OMEGA_IE_E,
+        rate_over_earth(kalman.C_eb, kalman.omega_b),
         calibration.lever_antenna_b,
         C_bv=calibration.C_bv,
         lever_vehicle_b=calibration.lever_vehicle_b,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ...datasets.sequence import Calibration
 from ...filters import constraints, measurements
 from ...filters.ekf import ErrorStateFilter, Outcome
-from ...filters.error_model import CLOCK_DRIFT_SIGMA
+from ...filters.gnss_states import CLOCK_DRIFT_SIGMA
 from ...filters.measurements import Measurement
 from ...filters.rotation import FloatArray
 from ...velocity.aided_screening import agreeing
@@ -69,7 +69,7 @@ class DopplerScreening:
             free = _without_clock(P)
             again = agreeing(H, z, free, self.significance)
             if 2 * again.sum() > len(trial) and again.sum() >= 3:
-                kalman.forget_clock()
+                kalman.reconsider(*kalman.gnss.clock_forgotten(kalman.P))
                 keep = again
                 P = free
         used = np.zeros(len(rows), dtype=bool)
@@ -105,7 +105,7 @@ def _linear(
         P = _without_clock(P)
     predicted = measurements.antenna_velocity(kalman.state, kalman.omega_b, lever)
     H = np.column_stack([rows.e_e, -np.ones(len(rows))]) / rows.sigma[:, None]
-    z = (rows.z - rows.e_e @ predicted + kalman.clock_drift) / rows.sigma
+    z = (rows.z - rows.e_e @ predicted + kalman.gnss.clock_drift) / rows.sigma
     return H, z, P
 
 
@@ -126,7 +126,7 @@ def rows_measurement(
     """Return the range rates of an epoch as one measurement; two rows or more without a clock."""
     return measurements.range_rates(
         kalman.state, kalman.model.size, rows.e_e, rows.z, rows.sigma,
-        calibration.lever_antenna_b, kalman.omega_b, kalman.model.clock, kalman.clock_drift,
+        calibration.lever_antenna_b, kalman.omega_b, kalman.model.clock, kalman.gnss.clock_drift,
     )  # fmt: skip
 
 

@@ -196,9 +196,11 @@ class FilterLoop:
             cov = event.cov_e + np.eye(3) * calibration.lever_antenna_sigma**2
             m = measurements.position(kalman.state, n, event.value_e, cov, lever)
             if event.shared and kalman.model.fix_bias is not None:
-                kalman.other_satellites(self._overlap(event.satellites))
+                overlap = self._overlap(event.satellites)
+                if overlap < 1.0:
+                    kalman.reconsider(*kalman.gnss.other_satellites(kalman.P, overlap))
                 m = measurements.with_shared_error(
-                    m, event.cov_e, kalman.model.fix_bias, kalman.fix_bias
+                    m, event.cov_e, kalman.model.fix_bias, kalman.gnss.fix_bias
                 )
         else:
             m = measurements.velocity(

@@ -12,14 +12,9 @@ from ...filters.ekf import ErrorStateFilter
 from ...filters.error_model import GYRO_BIAS, VEL
 from ...filters.measurements import Measurement
 from ...filters.rotation import FloatArray
+from ...filters.standstill import rate_at_rest
 from ..config import VehicleConfig
 
-#: Spread within the window, per axis, that an idling engine may add to the sensor's own noise.
-_IDLE_GYRO, _IDLE_ACCEL = np.radians(0.3), 0.15
-#: Mean rate that a standing vehicle cannot have beyond its bias [rad/s].
-_TURNING = np.radians(0.3)
-#: The last part of the window, and the change of specific force in it that is setting off [m/s²].
-_RECENT, _STEP = 5, 0.1
 #: A standstill is only believed where the filter's own speed allows it: a car that cruises on a
 #: smooth road is as quiet as one that stands.
 _SLOW, _KNOWN = 0.5, 1.0
@@ -64,9 +59,7 @@ class VehicleConstraints:
                 sigma = np.hypot(kalman.model.imu.gyro_noise_density, np.radians(0.005))
                 yield (
                     "zaru",
-                    constraints.zero_rate(
-                        kalman.state, n, mean, kalman.bias[GYRO_BIAS.start - 9 : 3], float(sigma)
-                    ),
+                    constraints.zero_rate(kalman.state, n, mean, kalman.gyro_bias, float(sigma)),
                 )
             return
         C_bv, lever = self.calibration.C_bv, self.calibration.lever_vehicle_b
@@ -96,22 +89,7 @@ class VehicleConstraints:
         sigma = float(np.sqrt(np.diag(kalman.P)[VEL].max()))
         if sigma > _KNOWN or np.linalg.norm(kalman.vel_e) > max(_SLOW, 2.0 * sigma):
             return None
-        stream, imu = kalman.stream, kalman.model.imu
-        edges = stream.edges
-        last = int(np.searchsorted(edges, kalman.time + 1e-9, side="right")) - 1
-        first = int(np.searchsorted(edges, kalman.time - 1.0 - 1e-9))
-        if last - first < 10:
-            return None
-        gyro, accel = stream.gyro[first:last], stream.accel[first:last]
-        dt = float(edges[last] - edges[first]) / (last - first)
-        own_gyro, own_accel = imu.gyro_noise_density / dt**0.5, imu.accel_noise_density / dt**0.5
-        quiet = (gyro.std(axis=0) < 2.0 * own_gyro + _IDLE_GYRO).all()
-        quiet &= (accel.std(axis=0) < 2.0 * own_accel + _IDLE_ACCEL).all()
-        # A car that moves off is quiet until now: has the force of the last moment changed?
-        recent = max(len(accel) // _RECENT, 1)
-        step = np.abs(accel[-recent:].mean(axis=0) - accel[:-recent].mean(axis=0))
-        quiet &= (step < 4.0 * own_accel / recent**0.5 + _STEP).all()
-        mean = gyro.mean(axis=0)
-        bias_sigma = 3.0 * np.sqrt(np.diag(kalman.P)[GYRO_BIAS])
-        still = (np.abs(mean - kalman.bias[:3]) < _TURNING + bias_sigma).all()
-        return mean if quiet and still else None
+        sigma_bias = np.sqrt(np.diag(kalman.P)[GYRO_BIAS])
+        return rate_at_rest(
+            kalman.stream, kalman.time, kalman.model.imu, kalman.gyro_bias, sigma_bias
+        )

@@ -24,8 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...datasets.sequence import ImuData, Reference, Sequence
-from ...filters.earth import OMEGA_IE_E, C_en_of, ecef_to_lla
+from ...filters.earth import C_en_of, ecef_to_lla
 from ...filters.errors import DataError
+from ...filters.levers import lever_velocity, rate_over_earth
 from ...filters.rotation import (
     FloatArray,
     matrix_from_rpy,
@@ -196,9 +197,8 @@ def _lever_velocity_e(at: Trajectory, imu: ImuData, lever_b: FloatArray) -> Floa
     """Return C_eb (ω_eb^b × lever_b) [m/s], shape (m, 3)."""
     if not lever_b.any():
         return np.zeros_like(at.vel_e)
-    omega_ie_b = np.swapaxes(at.C_eb, 1, 2) @ OMEGA_IE_E
-    omega_eb_b = mean_rate_b(imu, at.time) - at.gyro_bias - omega_ie_b
-    return _rotate(at.C_eb, np.cross(omega_eb_b, lever_b))
+    rate_b = rate_over_earth(at.C_eb, mean_rate_b(imu, at.time) - at.gyro_bias)
+    return lever_velocity(at.C_eb, rate_b, lever_b)
 
 
 def rpy_covariance(cov_att_n: FloatArray, rpy: FloatArray) -> FloatArray:

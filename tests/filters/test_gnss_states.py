@@ -6,15 +6,8 @@ import pytest
 from certnav.filters import _kernels, measurements
 from certnav.filters.earth import OMEGA_IE_E, gravity_e
 from certnav.filters.ekf import ErrorStateFilter
-from certnav.filters.error_model import (
-    ATT,
-    CLOCK_DRIFT_SIGMA,
-    POS,
-    SHARED,
-    VEL,
-    ErrorModel,
-    shared_root,
-)
+from certnav.filters.error_model import ATT, POS, VEL, ErrorModel
+from certnav.filters.gnss_states import CLOCK_DRIFT_SIGMA, SHARED, shared_root
 from certnav.filters.measurements import Measurement
 from certnav.filters.sensors import imu_preset
 from certnav.filters.smoother import smooth
@@ -63,11 +56,11 @@ def test_shared_error_fades_with_its_correlation_time(standing):
     kalman = standing(fix_correlation=TAU, clock_walk=0.1)
     b, c = kalman.model.fix_bias, kalman.model.clock
     before = kalman.P.copy()
-    kalman.fix_bias[:] = [1.0, -2.0, 0.5]
+    kalman.gnss.fix_bias[:] = [1.0, -2.0, 0.5]
     for until in (1.3, 4.0, 10.0):  # however the time is cut
         kalman.propagate(until)
     dt = 10.0 - kalman.stream.start
-    np.testing.assert_allclose(kalman.fix_bias, np.exp(-dt / TAU) * np.array([1.0, -2.0, 0.5]))
+    np.testing.assert_allclose(kalman.gnss.fix_bias, np.exp(-dt / TAU) * np.array([1.0, -2.0, 0.5]))
     np.testing.assert_allclose(kalman.P[b, b], np.eye(3), atol=1e-12)  # stationary
     assert kalman.P[c, c] == pytest.approx(before[c, c] + 0.1**2 * dt)
     # Gravity's gradient moves it a little, too.
@@ -86,7 +79,9 @@ def test_many_positions_do_not_average_away_what_they_share(standing):
                 kalman.state, kalman.model.size, kalman.pos_e, cov, np.zeros(3)
             )
             if kalman.model.fix_bias is not None:
-                m = measurements.with_shared_error(m, cov, kalman.model.fix_bias, kalman.fix_bias)
+                m = measurements.with_shared_error(
+                    m, cov, kalman.model.fix_bias, kalman.gnss.fix_bias
+                )
             kalman.update(m)
         return float(np.trace(kalman.P[POS, POS]) / 3.0)
 
@@ -99,12 +94,12 @@ def test_many_positions_do_not_average_away_what_they_share(standing):
 def test_other_satellites_have_other_errors(standing):
     kalman = standing(fix_correlation=TAU)
     b = kalman.model.fix_bias
-    kalman.fix_bias[:] = 1.0
+    kalman.gnss.fix_bias[:] = 1.0
     before = kalman.P[b, POS].copy()
-    kalman.other_satellites(1.0)
+    kalman.reconsider(*kalman.gnss.other_satellites(kalman.P, 1.0))
     np.testing.assert_array_equal(kalman.P[b, POS], before)
-    kalman.other_satellites(0.25)
-    np.testing.assert_allclose(kalman.fix_bias, 0.25)
+    kalman.reconsider(*kalman.gnss.other_satellites(kalman.P, 0.25))
+    np.testing.assert_allclose(kalman.gnss.fix_bias, 0.25)
     np.testing.assert_allclose(kalman.P[b, POS], 0.25 * before)
     np.testing.assert_allclose(kalman.P[b, b], np.eye(3), atol=1e-12)
 
@@ -166,7 +161,7 @@ def test_a_clock_that_jumped_is_unknown_and_nothing_else_is(standing):
     kalman.P[c, VEL] = kalman.P[VEL, c] = 0.5
     kalman.P[c, c] = 1.0
     rest = np.delete(np.delete(kalman.P, c, 0), c, 1)
-    kalman.forget_clock()
+    kalman.reconsider(*kalman.gnss.clock_forgotten(kalman.P))
     assert kalman.P[c, c] == CLOCK_DRIFT_SIGMA**2
     assert not kalman.P[c, VEL].any()
     np.testing.assert_array_equal(np.delete(np.delete(kalman.P, c, 0), c, 1), rest)
@@ -180,10 +175,10 @@ def test_smoothing_with_gnss_states_is_never_worse(standing):
         kalman.propagate(float(t))
         pos_e = kalman.pos_e + rng.standard_normal(3) * 0.1
         m = measurements.position(kalman.state, kalman.model.size, pos_e, cov, np.zeros(3))
-        m = measurements.with_shared_error(m, cov, kalman.model.fix_bias, kalman.fix_bias)
+        m = measurements.with_shared_error(m, cov, kalman.model.fix_bias, kalman.gnss.fix_bias)
         if t == 20:
-            kalman.other_satellites(0.5)
-            kalman.forget_clock()
+            kalman.reconsider(*kalman.gnss.other_satellites(kalman.P, 0.5))
+            kalman.reconsider(*kalman.gnss.clock_forgotten(kalman.P))
         kalman.update(m)
     filtered = kalman.rows.copy()
     smoothed = smooth(kalman.tape, kalman.P)

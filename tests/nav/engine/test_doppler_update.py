@@ -29,7 +29,7 @@ def kalman():
     P = model.initial_covariance(np.eye(3), np.eye(3) * 0.05**2, np.eye(3) * 1e-6)
     P[model.clock, model.clock] = 0.1**2
     made = ErrorStateFilter(model, stream, NavState(stream.start, pos_e, np.zeros(3), C_eb), P)
-    made.clock_drift = DRIFT
+    made.gnss.clock_drift = DRIFT
     return made
 
 
@@ -91,7 +91,7 @@ def test_a_jump_of_the_clock_is_no_fault_of_the_satellites(kalman):
     assert used.all()
     assert kalman.P[kalman.model.clock, kalman.model.clock] > 1e5
     kalman.update(rows_measurement(kalman, CALIBRATION, epoch({}, drift=DRIFT + 40.0)))
-    assert kalman.clock_drift == pytest.approx(DRIFT + 40.0, abs=0.1)
+    assert kalman.gnss.clock_drift == pytest.approx(DRIFT + 40.0, abs=0.1)
     assert np.linalg.norm(kalman.vel_e) < 0.1
 
 
