@@ -172,6 +172,21 @@ class ErrorStateFilter:
                 self.tape.row(self._rows[rows])
         self._advance(until)
 
+    def ahead(self, until: float) -> tuple[NavState, FloatArray]:
+        """Return state and covariance at `until` [s] as they will be if nothing is measured.
+
+        The filter itself stays where it is; of the covariance, what the IMU's errors do to it.
+        """
+        pos_e, vel_e, C_eb, bias, P = (
+            a.copy() for a in (self.pos_e, self.vel_e, self.C_eb, self.bias, self.P)
+        )
+        rows, cursor = np.zeros((1, _kernels.ROW_SIZE)), np.array([0.0, np.inf])
+        _kernels.advance(
+            self.stream.edges, self.stream.gyro, self.stream.accel, self._sample, self.time, until,
+            pos_e, vel_e, C_eb, bias, P, np.zeros((0, 0)), self._noise, rows, cursor, np.inf,
+        )  # fmt: skip
+        return NavState(min(until, self.stream.end), pos_e, vel_e, C_eb), P
+
     def _reserve(self, until: float) -> None:
         """Make room for a row per sample up to `until`."""
         last = int(np.searchsorted(self.stream.edges, until + 1e-9, side="right"))

@@ -44,7 +44,7 @@ class NavState:
 
 
 class InertialStream:
-    """IMU samples laid out for the kernels, with a cursor that only moves forward.
+    """IMU samples laid out for the kernels; a live one grows (`live`, `append`).
 
     Parameters
     ----------
@@ -59,18 +59,73 @@ class InertialStream:
     def __init__(self, time: ArrayLike, gyro_b: ArrayLike, accel_b: ArrayLike) -> None:
         end = np.ascontiguousarray(time, dtype=float)
         first = end[0] - np.median(np.diff(end))
-        self.edges = np.concatenate([[first], end])
-        self.gyro = np.ascontiguousarray(gyro_b, dtype=float)
-        self.accel = np.ascontiguousarray(accel_b, dtype=float)
+        self._hold(np.concatenate([[first], end]), gyro_b, accel_b)
 
     @classmethod
     def of_edges(cls, edges: ArrayLike, gyro_b: ArrayLike, accel_b: ArrayLike) -> InertialStream:
         """Return the stream of n samples between n + 1 given interval edges [s]."""
         stream = cls.__new__(cls)
-        stream.edges = np.ascontiguousarray(edges, dtype=float)
-        stream.gyro = np.ascontiguousarray(gyro_b, dtype=float)
-        stream.accel = np.ascontiguousarray(accel_b, dtype=float)
+        stream._hold(edges, gyro_b, accel_b)
         return stream
+
+    @classmethod
+    def live(cls, interval: float) -> InertialStream:
+        """Return an empty stream; its first sample is taken to cover `interval` [s]."""
+        stream = cls.of_edges(np.zeros(1), np.zeros((0, 3)), np.zeros((0, 3)))
+        stream.interval = float(interval)
+        return stream
+
+    def _hold(self, edges: ArrayLike, gyro_b: ArrayLike, accel_b: ArrayLike) -> None:
+        self._edges = np.ascontiguousarray(edges, dtype=float)
+        self._gyro = np.ascontiguousarray(gyro_b, dtype=float)
+        self._accel = np.ascontiguousarray(accel_b, dtype=float)
+        self._count = self._gyro.shape[0]
+        self.interval = float(np.median(np.diff(self._edges))) if self._count else float("nan")
+
+    def append(self, time: float, gyro_b: ArrayLike, accel_b: ArrayLike) -> None:
+        """Add the sample that ends at `time` [s].
+
+        Raises
+        ------
+        DataError
+            If time does not increase, or a value is not finite.
+        """
+        n = self._count
+        if n == 0:
+            self._edges[0] = time - self.interval
+        if not time > self._edges[n]:
+            raise DataError(
+                f"imu: time goes backwards ({self._edges[n]:.6f} s, then {time:.6f} s)",
+                remedy="sort the samples, or leave out the repeated one",
+            )
+        sample = np.concatenate([np.ravel(gyro_b), np.ravel(accel_b)])
+        if sample.shape != (6,) or not np.isfinite(sample).all():
+            raise DataError(f"imu: expected six finite values at {time:.6f} s")
+        if n == self._gyro.shape[0]:
+            more = max(n, 1024)
+            self._edges = np.concatenate([self._edges, np.zeros(more)])
+            self._gyro = np.concatenate([self._gyro, np.zeros((more, 3))])
+            self._accel = np.concatenate([self._accel, np.zeros((more, 3))])
+        self._edges[n + 1], self._gyro[n], self._accel[n] = time, sample[:3], sample[3:]
+        self._count = n + 1
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def edges(self) -> FloatArray:
+        """Interval edges [s], shape (n + 1,)."""
+        return self._edges[: self._count + 1]
+
+    @property
+    def gyro(self) -> FloatArray:
+        """Mean rates [rad/s], shape (n, 3)."""
+        return self._gyro[: self._count]
+
+    @property
+    def accel(self) -> FloatArray:
+        """Mean specific forces [m/s²], shape (n, 3)."""
+        return self._accel[: self._count]
 
     @property
     def start(self) -> float:
@@ -85,7 +140,7 @@ class InertialStream:
     def index(self, time: float) -> int:
         """Return the sample whose interval begins at or holds `time`."""
         k = int(np.searchsorted(self.edges, time + 1e-9, side="right")) - 1
-        return min(max(k, 0), self.gyro.shape[0])
+        return min(max(k, 0), self._count)
 
 
 def integrate(stream: InertialStream, start: NavState, until: float | None = None) -> FloatArray:

@@ -3,7 +3,7 @@
     navigator = Navigator(calibration, config, imu_interval=0.01)
     navigator.add_imu(time, gyro_b, accel_b)         # every sample, in order
     navigator.add_gnss(event)                        # nav.engine.gnss.GnssEvent, when it arrives
-    state = navigator.state                          # NavState, or None before alignment
+    state = navigator.state                          # LiveState, or None before alignment
 
 Events are worked off `latency` behind the IMU, so that a fix that takes its time still finds the
 filter at its epoch; `state` is carried on to the latest sample. Until there is an attitude they are
@@ -16,80 +16,112 @@ from __future__ import annotations
 
 import heapq
 from collections import deque
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import count
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..datasets.sequence import Calibration, Odometer
-from ..filters.error_model import ErrorModel
-from ..filters.errors import AlignmentError, DataError
-from ..filters.rotation import FloatArray
-from ..filters.sensors import imu_preset
-from ..filters.strapdown import InertialStream, NavState, integrate
+from ..filters.earth import C_en_of, ecef_to_lla
+from ..filters.error_model import ATT, POS, VEL
+from ..filters.errors import AlignmentError
+from ..filters.rotation import FloatArray, rpy_from_matrix
+from ..filters.strapdown import InertialStream
 from .config import Config
 from .engine.blind import Spell, is_gap
-from .engine.gnss import GnssEvent
+from .engine.events import GnssEvent
 from .engine.loop import FilterLoop
-from .engine.start import Start, StartFinder, start_filter
+from .engine.model import error_model
+from .engine.start.finder import StartFinder
+from .engine.start.state import Start, start_filter
 from .engine.vehicle import VehicleConstraints
+from .notes import clock
 from .solution import Update
 
 
-class LiveStream(InertialStream):
-    """An inertial stream that grows.
+@dataclass(frozen=True, eq=False)
+class LiveState:
+    """The estimate at the latest IMU sample.
 
     Parameters
     ----------
-    interval : float
-        Nominal sample interval [s]; the first sample is taken to cover one.
+    time : float
+        GPS time [s].
+    pos_e, vel_e : ndarray, shape (3,)
+        ECEF position [m] and velocity [m/s] of the IMU.
+    C_eb : ndarray, shape (3, 3)
+        Attitude: ``C_eb @ x_b == x_e``.
+    cov_pos_n, cov_vel_n, cov_att_n : ndarray, shape (3, 3)
+        Covariance of position [m²], velocity [m²/s²] and attitude [rad²], north-east-down, as of
+        `nav.solution.Trajectory`.
     """
 
-    def __init__(self, interval: float) -> None:
-        self.interval, self._count = interval, 0
-        self._edges, self._gyro, self._accel = (
-            np.zeros(1025),
-            np.zeros((1024, 3)),
-            np.zeros((1024, 3)),
+    time: float
+    pos_e: FloatArray
+    vel_e: FloatArray
+    C_eb: FloatArray
+    cov_pos_n: FloatArray
+    cov_vel_n: FloatArray
+    cov_att_n: FloatArray
+
+    @cached_property
+    def _lla(self) -> FloatArray:
+        return ecef_to_lla(self.pos_e)
+
+    @cached_property
+    def _rpy(self) -> FloatArray:
+        return rpy_from_matrix(self.C_en.T @ self.C_eb)
+
+    @cached_property
+    def C_en(self) -> FloatArray:
+        """Axes north, east, down as columns in ECEF, shape (3, 3)."""
+        return C_en_of(self.pos_e)
+
+    @property
+    def vel_n(self) -> FloatArray:
+        """Velocity north, east, down [m/s], shape (3,)."""
+        return self.C_en.T @ self.vel_e
+
+    @property
+    def latitude(self) -> float:
+        """Geodetic latitude, WGS 84 [rad]."""
+        return float(self._lla[0])
+
+    @property
+    def longitude(self) -> float:
+        """Longitude, east positive [rad]."""
+        return float(self._lla[1])
+
+    @property
+    def height(self) -> float:
+        """Height above the WGS 84 ellipsoid [m]."""
+        return float(self._lla[2])
+
+    @property
+    def roll(self) -> float:
+        """Right side down positive [rad]."""
+        return float(self._rpy[0])
+
+    @property
+    def pitch(self) -> float:
+        """Nose up positive [rad]."""
+        return float(self._rpy[1])
+
+    @property
+    def heading(self) -> float:
+        """Clockwise from true north, 0 … 2π [rad]."""
+        return float(self._rpy[2] % (2.0 * np.pi))
+
+    def __repr__(self) -> str:
+        north, east, down = np.sqrt(np.diag(self.cov_pos_n))
+        lat, lon = np.degrees(self._lla[:2])
+        return (
+            f"LiveState({clock(self.time)}: {lat:.7f}°, {lon:.7f}°, {self.height:.2f} m "
+            f"± {north:.2f}/{east:.2f}/{down:.2f} m NED; heading {np.degrees(self.heading):.2f}° "
+            f"± {np.degrees(np.sqrt(self.cov_att_n[2, 2])):.2f}°)"
         )
-
-    def append(self, time: float, gyro_b: ArrayLike, accel_b: ArrayLike) -> None:
-        """Add the sample that ends at `time` [s]; refuses time going backwards."""
-        n = self._count
-        if n == 0:
-            self._edges[0] = time - self.interval
-        if not time > self._edges[n]:
-            raise DataError(
-                f"imu: time goes backwards ({self._edges[n]:.6f} s, then {time:.6f} s)",
-                remedy="sort the samples, or leave out the repeated one",
-            )
-        sample = np.concatenate([np.ravel(gyro_b), np.ravel(accel_b)])
-        if sample.shape != (6,) or not np.isfinite(sample).all():
-            raise DataError(f"imu: expected six finite values at {time:.6f} s")
-        if n == self._gyro.shape[0]:
-            self._edges = np.concatenate([self._edges, np.zeros(n)])
-            self._gyro = np.concatenate([self._gyro, np.zeros((n, 3))])
-            self._accel = np.concatenate([self._accel, np.zeros((n, 3))])
-        self._edges[n + 1], self._gyro[n], self._accel[n] = time, sample[:3], sample[3:]
-        self._count = n + 1
-
-    def __len__(self) -> int:
-        return self._count
-
-    @property
-    def edges(self) -> FloatArray:  # type: ignore[override]
-        """Interval edges so far."""
-        return self._edges[: self._count + 1]
-
-    @property
-    def gyro(self) -> FloatArray:  # type: ignore[override]
-        """Mean rates so far [rad/s]."""
-        return self._gyro[: self._count]
-
-    @property
-    def accel(self) -> FloatArray:  # type: ignore[override]
-        """Mean specific forces so far [m/s²]."""
-        return self._accel[: self._count]
 
 
 class Navigator:
@@ -116,14 +148,9 @@ class Navigator:
         odometer: Odometer | None = None,
     ) -> None:
         self.calibration, self.config, self.latency = calibration, config, latency
-        self._stream = LiveStream(imu_interval)
-        spec = imu_preset(config.filter.imu) if config.filter.imu else calibration.imu
+        self._stream = InertialStream.live(imu_interval)
         self._vehicle = VehicleConstraints(calibration, config.vehicle, odometer)
-        self._model = ErrorModel(
-            spec, config.filter.states, config.filter.bias_model,
-            self._vehicle.odometer is not None,
-            config.gnss.clock_walk_mps, config.gnss.position_correlation_s,
-        )  # fmt: skip
+        self._model = error_model(calibration, config, odometer=self._vehicle.odometer is not None)
         self._finder = StartFinder(self._stream, calibration, config.alignment, self._model)
         self._kept: list[GnssEvent] = []
         self._queue: list[tuple[float, str, int, GnssEvent]] = []
@@ -142,22 +169,17 @@ class Navigator:
         return tuple(self._finder.attempts)
 
     @property
-    def state(self) -> NavState | None:
+    def state(self) -> LiveState | None:
         """The estimate at the latest IMU sample, or None before alignment (see `waiting`)."""
         if self._loop is None:
             return None
-        kalman = self._loop.kalman
-        if self._stream.end <= kalman.time:
-            return kalman.state
-        first = max(self._stream.index(kalman.time) - 1, 0)
-        bias = kalman.bias
-        recent = InertialStream.of_edges(
-            self._stream.edges[first:],
-            (self._stream.gyro[first:] - bias[0:3]) / (1.0 + bias[6:9]),
-            (self._stream.accel[first:] - bias[3:6]) / (1.0 + bias[9:12]),
-        )
-        row = integrate(recent, kalman.state)[-1]
-        return NavState(row[0], row[1:4], row[4:7], row[7:16].reshape(3, 3))
+        state, P = self._loop.kalman.ahead(self._stream.end)
+        C_ne = C_en_of(state.pos_e).T
+        C_nb = C_ne @ state.C_eb
+        return LiveState(
+            state.time, state.pos_e, state.vel_e, state.C_eb,
+            C_ne @ P[POS, POS] @ C_ne.T, C_ne @ P[VEL, VEL] @ C_ne.T, C_nb @ P[ATT, ATT] @ C_nb.T,
+        )  # fmt: skip
 
     def finish(self) -> None:
         """No more data will come: work off what is left, up to the last IMU sample."""

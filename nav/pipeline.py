@@ -11,20 +11,20 @@ import numpy as np
 from ..datasets.sequence import Sequence
 from ..filters import _kernels
 from ..filters.earth import C_en_of
-from ..filters.error_model import ErrorModel
 from ..filters.rotation import FloatArray
-from ..filters.sensors import imu_preset
 from ..filters.smoother import smooth
 from ..filters.strapdown import InertialStream
 from ._frames import ned_covariances
-from .check.findings import clock
 from .config import Config
 from .engine.blind import Spell, blind_spells
 from .engine.doubts import doubts
 from .engine.gnss import gnss_timeline
 from .engine.loop import Diverged, FilterLoop
-from .engine.start import find_start, start_filter
+from .engine.model import error_model
+from .engine.start.finder import find_start
+from .engine.start.state import start_filter
 from .engine.vehicle import VehicleConstraints
+from .notes import Note, clock, plain
 from .solution import Solution, Trajectory
 from .sweep import in_order
 
@@ -64,15 +64,11 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     timeline = gnss_timeline(sequence, config.gnss)
     spent_gnss = time.perf_counter() - began
     stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
-    spec = imu_preset(config.filter.imu) if config.filter.imu else sequence.calibration.imu
     vehicle = VehicleConstraints(sequence.calibration, config.vehicle, sequence.odometer)
-    # A state that no measurement sees changes nothing but the time it takes.
-    raw = any(e.observations is not None for e in timeline.events)
-    shared = any(e.shared for e in timeline.events)
-    model = ErrorModel(
-        spec, config.filter.states, config.filter.bias_model, vehicle.odometer is not None,
-        config.gnss.clock_walk_mps if raw else 0.0,
-        config.gnss.position_correlation_s if shared else 0.0,
+    model = error_model(
+        sequence.calibration, config, odometer=vehicle.odometer is not None,
+        doppler=any(e.observations is not None for e in timeline.events),
+        shared=any(e.shared for e in timeline.events),
     )  # fmt: skip
     report(0.0, "alignment")
     began = time.perf_counter()
@@ -83,7 +79,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     spells = blind_spells(imu, timeline.events)
     loop = FilterLoop(kalman, sequence.calibration, vehicle, config, deque(spells))
     begin, end = kalman.time, stream.end
-    notes = [*sequence.notes, *timeline.notes, *_imu_gaps(sequence), *_blind(spells)]
+    notes = [*plain(sequence.notes), *timeline.notes, *_imu_gaps(sequence), *_blind(spells)]
     try:
         for number, event in enumerate(timeline.events):
             if number % 50 == 0:
@@ -94,10 +90,12 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         rows = _kept(kalman.rows)
         if len(rows) < 2:
             raise
-        notes.append(
-            f"doubtful: {error}; this solution ends at {clock(rows[-1, _kernels.ROW_TIME])}, "
-            f"{end - rows[-1, _kernels.ROW_TIME]:.1f} s before the data, and is not smoothed"
+        cut = float(rows[-1, _kernels.ROW_TIME])
+        text = (
+            f"{error}; this solution ends at {clock(cut)}, {end - cut:.1f} s before the data, "
+            "and is not smoothed"
         )
+        notes.append(Note("doubtful", text))
     else:
         report(1.0, "filter")
         rows = kalman.rows
@@ -153,7 +151,7 @@ def _kept(rows: FloatArray) -> FloatArray:
     return rows[: int(np.argmax(bad))] if bad.any() else rows
 
 
-def _imu_gaps(sequence: Sequence) -> tuple[str, ...]:
+def _imu_gaps(sequence: Sequence) -> tuple[Note, ...]:
     """Name gaps in the IMU data: the mechanisation bridges them with the sample that follows."""
     stamps = sequence.inertial.time
     step = np.diff(stamps)
@@ -161,18 +159,20 @@ def _imu_gaps(sequence: Sequence) -> tuple[str, ...]:
     if not gaps.size:
         return ()
     worst = int(gaps[np.argmax(step[gaps])])
-    return (
+    text = (
         f"IMU: {gaps.size} gaps, the longest {step[worst]:.3f} s from {clock(stamps[worst])}; "
-        "each is bridged with the mean rate of the sample after it",
+        "each is bridged with the mean rate of the sample after it"
     )
+    return (Note("note", text),)
 
 
-def _blind(spells: list[Spell]) -> tuple[str, ...]:
+def _blind(spells: list[Spell]) -> tuple[Note, ...]:
     """Name the spells over which the covariance is widened."""
     if not spells:
         return ()
     begin, end = max(spells, key=lambda spell: spell[1] - spell[0])
-    return (
+    text = (
         f"IMU: no data, or frozen, in {len(spells)} spells, the longest {end - begin:.2f} s "
-        f"from {clock(begin)}; the covariance is widened by what a car may do meanwhile",
+        f"from {clock(begin)}; the covariance is widened by what a car may do meanwhile"
     )
+    return (Note("note", text),)

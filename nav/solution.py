@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from ..filters.rotation import FloatArray
+from .notes import Note
 
 #: Kinds of update the pipeline offers to the filter.
 UPDATE_KINDS = ("position", "velocity", "doppler", "nhc", "zupt", "zaru", "odometer")
@@ -151,5 +152,5 @@ class Solution:
     updates: tuple[Update, ...]
     alignment: AlignmentReport
     epochs: Epochs
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     timing: dict[str, float] = field(default_factory=dict)

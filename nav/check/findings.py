@@ -8,8 +8,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...datasets.gpstime import SECONDS_PER_WEEK
-
 #: From worst to best. 'fatal': cannot be navigated as it stands. 'doubtful': can, but something
 #: contradicts physics or could not be right. 'note': verified, or not testable, or to declare.
 SEVERITIES = ("fatal", "doubtful", "note")
@@ -130,12 +128,6 @@ class Report:
 def in_order(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return the findings, worst first, otherwise in the order given."""
     return tuple(sorted(findings, key=lambda f: SEVERITIES.index(f.severity)))
-
-
-def clock(time: float) -> str:
-    """Return a time as files print it: GPS seconds of week, or seconds where there is no date."""
-    week = int(time // SECONDS_PER_WEEK)
-    return f"{time:.2f} s" if week == 0 else f"SOW {time - week * SECONDS_PER_WEEK:.2f}"
 
 
 def _items(texts: Iterable[str]) -> list[str]:

@@ -9,7 +9,8 @@ from ...datasets.sequence import ImuData, Sequence
 from ...filters.earth import gravity_e
 from ...filters.rotation import FloatArray
 from ...filters.sensors import STANDARD_GRAVITY, ImuSpec
-from .findings import Finding, clock
+from ..notes import clock
+from .findings import Finding
 from .tracks import Track
 
 _WINDOW = 1.0

@@ -21,8 +21,9 @@ from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import ConfigError, DataError, NavError
 from ...filters.rotation import FloatArray
 from ..config import GnssConfig
+from ..notes import clock
 from . import motion
-from .findings import Finding, Report, clock, in_order
+from .findings import Finding, Report, in_order
 from .gnss import gnss_findings
 from .inertial import inertial_findings
 from .reference import reference_findings

@@ -16,6 +16,7 @@ from ...filters.errors import ConfigError, DataError
 from ..check.recording import check_sequence
 from ..config import Config, load_config, to_toml
 from ..evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
+from ..notes import Note
 from ..pipeline import navigate
 from ..results.directory import check_replaceable, write_result
 from ..results.formats import parse_formats
@@ -84,10 +85,10 @@ def navigate_folder(
         sequence = cut(load(path, **config.data), start, end)
         out = Path("results") / sequence.name if out is None else out
         check_replaceable(out)
-        if checked:
-            sequence = _checked(sequence, config)
+        found = _checked(sequence, config) if checked else ()
         read = time.perf_counter() - began
         solution = navigate(sequence, config, report)
+        solution = dataclasses.replace(solution, notes=(*found, *solution.notes))
         report(1.0, "evaluation and report")
         solution, evaluation = judged(solution, sequence)
         solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
@@ -109,21 +110,23 @@ def judged(solution: Solution, sequence: Sequence) -> tuple[Solution, Evaluation
     try:
         return solution, evaluate(solution, sequence)
     except DataError as error:
-        notes = (*solution.notes, f"doubtful: not compared with the reference: {error}")
+        said = Note("doubtful", f"not compared with the reference: {error}")
+        notes = (*solution.notes, said)
         nis = normalised_nis(solution.updates)
         return dataclasses.replace(solution, notes=notes), without_reference(nis)
 
 
-def _checked(sequence: Sequence, config: Config) -> Sequence:
-    """Return the sequence with what is doubtful added to its notes; refuse what is fatal."""
+def _checked(sequence: Sequence, config: Config) -> tuple[Note, ...]:
+    """Return what is doubtful; refuse what is fatal."""
     findings = check_sequence(sequence, config.gnss)
     for finding in findings:
         if finding.severity == "fatal":
             raise DataError(
                 f"{sequence.name}: {finding.subject}: {finding.found}", remedy=finding.remedy
             )
-    doubtful = [f"doubtful: {f.subject}: {f.found}" for f in findings if f.severity == "doubtful"]
-    return dataclasses.replace(sequence, notes=(*sequence.notes, *doubtful))
+    return tuple(
+        Note("doubtful", f"{f.subject}: {f.found}") for f in findings if f.severity == "doubtful"
+    )
 
 
 def cut(sequence: Sequence, start: float | None, end: float | None) -> Sequence:
@@ -163,7 +166,7 @@ def _print_summary(
     if m["heading_rms_deg"] is not None:
         print(f"  heading     RMS {m['heading_rms_deg']:.2f}°")
     for note in solution.notes:
-        if note.startswith("doubtful"):
+        if note.doubtful:
             print(f"  {note}")
     page = Path(out) / "report.html"
     print(f"  report      {page}" if page.exists() else f"  result      {out}")

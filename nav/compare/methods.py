@@ -26,8 +26,10 @@ from ...filters.earth import C_en_of
 from ...filters.errors import AlignmentError, ConfigError
 from ...filters.rotation import FloatArray, matrix_from_rpy
 from ..config import Config
-from ..engine.gnss import GnssEvent, gnss_timeline
+from ..engine.events import GnssEvent
+from ..engine.gnss import gnss_timeline
 from ..evaluation.interpolation import covered
+from ..notes import plain
 from ..pipeline import navigate
 from ..solution import AlignmentReport, Solution, Trajectory, Update
 from .degradation import Outages, degrade
@@ -204,7 +206,7 @@ def gnss_only(sequence: Sequence, config: Config, alignment: AlignmentReport) ->
     )
     return Solution(
         sequence.name, trajectory, updates, alignment, timeline.epochs,
-        (*sequence.notes, *timeline.notes, "GNSS alone: the IMU was not used"),
+        (*plain([*sequence.notes, "GNSS alone: the IMU was not used"]), *timeline.notes),
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from ...datasets.sequence import ImuData
 from ...filters.ekf import ErrorStateFilter
 from ...filters.error_model import ATT, VEL
 from ...filters.rotation import FloatArray
-from .gnss import GnssEvent
+from .events import GnssEvent
 
 #: What a car may do unseen, 1σ: turn about the vertical and tilt [rad/s], accelerate [m/s²]. In a
 #: spell shorter than a second it cannot have changed that much: proportionally less.

@@ -26,7 +26,7 @@ from ...velocity.ddia import ddia_velocity
 from ...velocity.range_rate import DopplerRows
 from ..config import GnssConfig
 from . import ddia_update
-from .gnss import doppler_noise
+from .events import doppler_noise
 
 
 class DopplerScreening:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...filters.ekf import gate_limit
 from ...filters.rotation import FloatArray
-from ..check.findings import clock
+from ..notes import Note, clock
 from ..solution import Update
 
 #: Updates that no sensor has measured.
@@ -28,7 +28,7 @@ _REFUSED, _REFUSED_SHARE = 4, 0.01
 _WINDOW, _TOO_LARGE = 60, 1.5
 
 
-def doubts(updates: Iterable[Update], gate_probability: float) -> tuple[str, ...]:
+def doubts(updates: Iterable[Update], gate_probability: float) -> tuple[Note, ...]:
     """Return a sentence for each kind of update that contradicts the filter.
 
     Parameters
@@ -43,7 +43,7 @@ def doubts(updates: Iterable[Update], gate_probability: float) -> tuple[str, ...
         if np.isfinite(update.nis):
             by_kind.setdefault(update.kind, []).append(update)
     return tuple(
-        sentence
+        Note("doubtful", sentence)
         for kind, tested in by_kind.items()
         for sentence in _of(kind, tested, gate_probability)
     )
@@ -57,7 +57,7 @@ def _of(kind: str, tested: list[Update], gate_probability: float) -> Iterator[st
     often = count >= max(_REFUSED, 5.0 * expected) and share >= _REFUSED_SHARE
     said = often or longest >= _IN_A_ROW
     if said:
-        text = f"doubtful: {kind}: {count} of {len(tested)} updates failed the innovation test"
+        text = f"{kind}: {count} of {len(tested)} updates failed the innovation test"
         if longest > 1:
             first, last = tested[at].time, tested[at + longest - 1].time
             text += f", {longest} in a row from {clock(first)} to {clock(last)}"
@@ -70,7 +70,7 @@ def _of(kind: str, tested: list[Update], gate_probability: float) -> Iterator[st
     enlarged = [u.time for u in tested if u.accepted and u.reason.startswith("covariance enlarged")]
     if enlarged:
         yield (
-            f"doubtful: {kind}: after refusals in a row the covariance was enlarged "
+            f"{kind}: after refusals in a row the covariance was enlarged "
             f"{len(enlarged)} times, first at {clock(enlarged[0])}: until then the solution or "
             "the data were wrong by more than the filter knew"
         )
@@ -79,7 +79,7 @@ def _of(kind: str, tested: list[Update], gate_probability: float) -> Iterator[st
         if ratio > _TOO_LARGE:
             first, last = tested[at].time, tested[at + _WINDOW - 1].time
             yield (
-                f"doubtful: {kind}: from {clock(first)} to {clock(last)} innovations are "
+                f"{kind}: from {clock(first)} to {clock(last)} innovations are "
                 f"{np.sqrt(ratio):.1f} times as large as their σ (RMS): the stated accuracy is too "
                 "good there, or time stamps are off; the solution's σ is as much too small"
             )

@@ -19,50 +19,14 @@ from ...datasets.sequence import GnssFixes, GnssObservations, Sequence
 from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray
-from ...velocity.range_rate import DopplerNoise
 from ..config import GnssConfig
+from ..notes import Note, plain
 from ..solution import Epochs
+from .events import GnssEvent, doppler_noise, inflated, missing
+from .relative import with_relative_positions
 
 if TYPE_CHECKING:
     from ...datasets.rtklib import SinglePoint
-
-
-@dataclass(frozen=True, eq=False)
-class GnssEvent:
-    """One antenna position or velocity, or the reason why there is none.
-
-    Parameters
-    ----------
-    time : float
-        GPS time it belongs to [s].
-    kind : {'position', 'velocity', 'doppler'}
-    value_e : ndarray, shape (3,)
-        ECEF [m] or [m/s]; NaN when there is none.
-    cov_e : ndarray, shape (3, 3)
-        Covariance as the filter is to use it [m²] or [m²/s²].
-    satellites : tuple of str
-        Satellites behind it, where known.
-    reason : str
-        Why it cannot be used; '' when it can.
-    observations : GnssObservations, optional
-        Usable rows of an epoch with Doppler; of kind 'doppler' where they give no least-squares
-        velocity. Lines of sight are left to the filter, which knows best where it is: 1 km is
-        0.2 m/s.
-    epoch : DopplerEpoch, optional
-        Doppler of the epoch for alignment in motion, whatever became of its velocity.
-    shared : bool
-        Whether most of a position's error is that of the positions around it.
-    """
-
-    time: float
-    kind: str
-    value_e: FloatArray
-    cov_e: FloatArray
-    satellites: tuple[str, ...] = ()
-    reason: str = ""
-    observations: GnssObservations | None = None
-    epoch: DopplerEpoch | None = None
-    shared: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,14 +36,13 @@ class GnssTimeline:
     events: tuple[GnssEvent, ...]
     epochs: Epochs
     observations: GnssObservations | None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 #: Fewer rows of a satellite than this say nothing about it.
 _MANY = 30
 #: 1σ per axis added to a least-squares velocity that no residual has checked [m/s].
 _UNCHECKED = 3.0
-_NOTHING = np.full(3, np.nan), np.full((3, 3), np.nan)
 
 
 def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
@@ -91,7 +54,7 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         If a source is asked for that the sequence does not have.
     """
     position, velocity = sources(sequence, config)
-    notes: tuple[str, ...] = (f"positions: {position}; velocities: {velocity}",)
+    notes = plain([f"positions: {position}; velocities: {velocity}"])
     if sequence.observations is None:
         assert sequence.fixes is not None
         events = [
@@ -109,12 +72,10 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         events, where, faulty, doubts = _single_point(observations, sequence, config)
         notes += doubts
         if position == "rtk":
-            from .relative import with_relative_positions
-
             lost = ~np.isin(observations.time, where.time)  # code that no fix vouches for
             screened = observations.mark(faulty | lost, "not in the single-point fix")
             events, said = with_relative_positions(events, screened, sequence, config)
-            notes = (*notes, said)
+            notes += plain([said])
     elif sequence.fixes is not None:
         fixes = sequence.fixes
         where = _Whereabouts(fixes.time, fixes.pos_e, np.zeros(len(fixes)))
@@ -193,16 +154,6 @@ def sources(sequence: Sequence, config: GnssConfig) -> tuple[str, str]:
     return position, velocity
 
 
-def inflated(cov_e: FloatArray, scale: float, floor: float) -> FloatArray:
-    """Return the covariance scaled, with `floor` added in variance on every axis."""
-    return cov_e * scale**2 + np.eye(3) * floor**2
-
-
-def doppler_noise(config: GnssConfig) -> DopplerNoise:
-    """Return the range-rate noise that is configured."""
-    return DopplerNoise(config.doppler_sigma_mps, config.doppler_floor_mps)
-
-
 def _carried(fixes: GnssFixes, kind: str, config: GnssConfig) -> list[GnssEvent]:
     """Return the positions or velocities a set carries as events."""
     if kind == "position":
@@ -216,14 +167,14 @@ def _carried(fixes: GnssFixes, kind: str, config: GnssConfig) -> list[GnssEvent]
     return [
         GnssEvent(float(t), kind, v, inflated(c, scale, floor))
         if ok
-        else GnssEvent(float(t), kind, *_NOTHING, reason=f"no {kind} in the data")
+        else missing(float(t), kind, f"no {kind} in the data")
         for t, v, c, ok in zip(fixes.time, value, cov, present, strict=True)
     ]
 
 
 def _single_point(
     observations: GnssObservations, sequence: Sequence, config: GnssConfig
-) -> tuple[list[GnssEvent], _Whereabouts, NDArray[np.bool_], tuple[str, ...]]:
+) -> tuple[list[GnssEvent], _Whereabouts, NDArray[np.bool_], tuple[Note, ...]]:
     """Return single-point positions as events and as whereabouts, faulty rows, and notes."""
     from ...datasets.rtklib import single_point
 
@@ -253,31 +204,33 @@ def _single_point(
     for time, why in spp.failed:
         at = where.true_time(time) if where.time.size else time
         reason = f"no fix: {_category(why)}"
-        events.append(GnssEvent(at, "position", *_NOTHING, offered[time], reason))
+        events.append(missing(at, "position", reason, offered[time]))
     faulty = np.zeros(len(observations), dtype=bool)
     faulty[list(spp.rejected)] = True
     return events, where, faulty, (*_always_refused(observations, faulty), *_persistent(spp))
 
 
-def _persistent(spp: SinglePoint) -> Iterator[str]:
+def _persistent(spp: SinglePoint) -> Iterator[Note]:
     """Name the satellites that are wrong all the time by less than one epoch's test can tell."""
     for fault in spp.persistent:
-        yield (
-            f"doubtful: {fault.satellite}: its pseudoranges contradict the other satellites by "
+        yield Note(
+            "doubtful",
+            f"{fault.satellite}: its pseudoranges contradict the other satellites by "
             f"{fault.bias:+.0f} m on the average of {fault.fixes} fixes, which are off by some of "
-            "it: wrong ephemeris? give another navigation file, or one without it"
+            "it: wrong ephemeris? give another navigation file, or one without it",
         )
 
 
-def _always_refused(observations: GnssObservations, faulty: NDArray[np.bool_]) -> Iterator[str]:
+def _always_refused(observations: GnssObservations, faulty: NDArray[np.bool_]) -> Iterator[Note]:
     """Name the satellites whose pseudoranges the residual test excludes most of the time."""
     for sat in np.unique(observations.sat[faulty]):
         rows = (observations.sat == sat) & observations.usable
         share = float(faulty[rows].mean()) if rows.sum() >= _MANY else 0.0
         if share > 0.5:
-            yield (
+            yield Note(
+                "note",
                 f"{sat}: {100 * share:.0f} % of its pseudoranges contradict the other satellites "
-                "and are left out: wrong ephemeris?"
+                "and are left out: wrong ephemeris?",
             )
 
 
@@ -340,7 +293,7 @@ def _doppler(
         few = len(here) >= 2 and config.below_four != "off"
         kind, reason = ("doppler", "") if few else ("velocity", found.status)
         offered = observations.take(here.row) if few else None
-        events.append(GnssEvent(at, kind, *_NOTHING, names, reason, offered, offer))
+        events.append(missing(at, kind, reason, names, offered, offer))
     return events, mark_rejected(observations, velocities)
 
 

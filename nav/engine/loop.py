@@ -23,7 +23,7 @@ from ..config import Config
 from ..solution import UPDATE_KINDS, Update
 from . import blind
 from .doppler_update import DopplerScreening, apply_ddia, rows_measurement, straight_ahead
-from .gnss import GnssEvent, doppler_noise
+from .events import GnssEvent, doppler_noise
 from .vehicle import VehicleConstraints
 
 #: Satellites from which on least squares checks itself well enough to be held against the filter.

@@ -11,7 +11,7 @@ import numpy as np
 from ...datasets.sequence import GnssObservations, Sequence
 from ...filters.errors import DataError
 from ..config import GnssConfig
-from .gnss import GnssEvent, inflated
+from .events import GnssEvent, inflated
 
 #: Median distance to the single-point positions beyond which the base cannot be where it is
 #: said to be [m].

@@ -243,7 +243,7 @@ def _run_section(result: Result) -> str:
     sigma = quantity(alignment["sigma_heading_deg"], "°")
     message = f" {alignment['message']}" if alignment["message"] else ""
     lever = ", ".join(f"{v:.3g}" for v in sensors["lever_antenna_b_m"])
-    notes = "".join(f"<li>{escape(note)}</li>" for note in result.solution.notes)
+    notes = "".join(f"<li>{escape(str(note))}</li>" for note in result.solution.notes)
     timing = ", ".join(
         f"{name.removesuffix('_s')} {value:.3g} s"
         for name, value in result.summary["timing"].items()

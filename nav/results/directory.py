@@ -35,6 +35,7 @@ from ...filters.errors import DataError
 from ..evaluation.accuracy import Evaluation, without_reference
 from .formats import check_formats, write_formats
 from .placing import SEAL, clean, current, new_draft, place
+from ..notes import Note
 from ..solution import AlignmentReport, Solution
 from .summary import strict, summarise
 from .tables import (
@@ -230,7 +231,7 @@ def _read(path: Path) -> Result:
                 read_attempts(path / "alignment.csv"),
             ),
             epochs=read_epochs(path / "epochs.csv"),
-            notes=tuple(summary["notes"]),
+            notes=tuple(Note(**note) for note in summary["notes"]),
             timing={k: v for k, v in summary["timing"].items() if v is not None},
         )
         evaluation = _read_evaluation(path / "reference_errors.csv", summary)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.metadata
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -11,6 +12,7 @@ import numpy as np
 
 from ...datasets.sequence import Sequence
 from ..evaluation.accuracy import Evaluation
+from ..notes import plain
 from ..solution import Solution, Update
 
 
@@ -64,7 +66,7 @@ def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) ->
             "lever_antenna_b_m": calibration.lever_antenna_b,
             "lever_antenna_source": calibration.lever_antenna_source,
         },
-        "notes": list(dict.fromkeys([*sequence.notes, *solution.notes])),
+        "notes": [dataclasses.asdict(note) for note in dict.fromkeys([*plain(sequence.notes), *solution.notes])],
     }
 
 

@@ -13,6 +13,7 @@ from certnav.datasets.sequence import Calibration, GnssFixes, ImuData, Reference
 from certnav.filters.earth import OMEGA_IE_E, C_en_at, C_en_of, lla_to_ecef
 from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy, rpy_from_matrix
 from certnav.filters.sensors import imu_preset
+from certnav.nav.notes import plain
 from certnav.nav.solution import AlignmentReport, Epochs, Solution, Trajectory, Update
 
 START = 2201 * 604800.0 + 345600.0
@@ -176,7 +177,7 @@ def _drive(
         updates=updates,
         alignment=AlignmentReport("aligned", "level+course", START, 12.5, np.deg2rad(1.2)),
         epochs=epochs,
-        notes=("velocity updates from 2 satellites on",),
+        notes=plain(["velocity updates from 2 satellites on"]),
         timing={"total_s": 3.5, "read_s": 0.5, "filter_s": 2.5},
     )
     return solution, sequence

@@ -172,7 +172,7 @@ def test_imu_gap_is_noted():
     keep[5000:5020] = False
     imu = ImuData(sequence.imu.time[keep], sequence.imu.gyro_b[keep], sequence.imu.accel_b[keep])
     solution = navigate(dataclasses.replace(sequence, imu=imu), config_with())
-    assert any("IMU: 1 gaps, the longest 0.210 s" in note for note in solution.notes)
+    assert any("IMU: 1 gaps, the longest 0.210 s" in note.text for note in solution.notes)
 
 
 def test_window_of_a_sequence():
@@ -209,7 +209,7 @@ def test_what_was_navigated_before_a_divergence_is_kept():
     time = solution.trajectory.time
     assert sequence.imu.time[14000] < time[-1] < sequence.imu.time[15010]
     np.testing.assert_array_equal(solution.trajectory.pos_e, sound.trajectory.pos_e[: time.size])
-    (note,) = [n for n in solution.notes if "diverged" in n]
+    (note,) = [n.text for n in solution.notes if n.doubtful and "diverged" in n.text]
     assert "this solution ends at SOW" in note and "50.1 s before the data" in note
 
 

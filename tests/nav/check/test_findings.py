@@ -6,7 +6,8 @@ import json
 
 import pytest
 
-from certnav.nav.check.findings import Finding, Report, clock, in_order
+from certnav.nav.check.findings import Finding, Report, in_order
+from certnav.nav.notes import clock
 
 NOTE = Finding("note", "gyro", "in order", numbers={"ratio": 1.0})
 DOUBT = Finding("doubtful", "time", "0.1 s late", "subtract it", {"sigma": float("nan")})

@@ -90,7 +90,7 @@ def test_the_solution_stays_within_its_sigma(drive, fault):
         "accelerometer": lambda: frozen(drive, k, 500, False, True),
     }[fault]()
     solution = navigate(broken, Config())
-    assert any("covariance is widened" in note for note in solution.notes)
+    assert any("covariance is widened" in note.text for note in solution.notes)
     result, sound = evaluate(solution, broken), evaluate(navigate(drive, Config()), drive)
     ratio = np.abs(result.error_pos_n[:, :2]) / (3.0 * result.sigma_pos_n[:, :2])
     assert ratio.max() < 1.5

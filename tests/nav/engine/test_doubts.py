@@ -33,13 +33,17 @@ def test_a_sound_log_is_not_commented(sound):
 
 def test_refusals_in_a_row_are_named_with_their_time(sound):
     sound[50:60] += 9.0
-    (text,) = doubts(log(sound, refused=set(range(50, 60))), GATE)
-    assert text.startswith("doubtful: position: 10 of 300 updates failed the innovation test")
+    (note,) = doubts(log(sound, refused=set(range(50, 60))), GATE)
+    assert note.doubtful
+    text = note.text
+    assert text.startswith("position: 10 of 300 updates failed the innovation test")
     assert "10 in a row from 50.00 s to 59.00 s" in text and "0.03 would be chance" in text
 
 
 def test_scattered_refusals_are_named_when_chance_cannot_be(sound):
-    (text,) = doubts(log(sound, refused={3, 60, 130, 200, 280}), GATE)
+    (note,) = doubts(log(sound, refused={3, 60, 130, 200, 280}), GATE)
+    assert note.doubtful
+    text = note.text
     assert "5 of 300" in text and "in a row" not in text
     # At a gate of 2 % five of 300 are what chance does.
     assert doubts(log(sound, refused={3, 60, 130, 200, 280}), 0.02) == ()
@@ -50,7 +54,7 @@ def test_an_enlarged_covariance_is_named(sound):
     updates[20] = Update(
         20.0, "position", (), (5.0,) * 3, 75.0, True, "covariance enlarged after repeated refusal"
     )
-    first, second = doubts(updates, GATE)
+    first, second = (note.text for note in doubts(updates, GATE))
     assert "11 of 300" in first and "enlarged 1 times, first at 20.00 s" in second
 
 
@@ -58,7 +62,9 @@ def test_a_sigma_too_small_is_named_with_its_factor_and_time(sound):
     assert doubts(log(1.1 * sound), GATE) == ()
     assert doubts(log(1.5 * sound[:50]), GATE) == ()  # too few to say
     sound[150:] *= 1.6
-    (text,) = doubts(log(sound), GATE)
+    (note,) = doubts(log(sound), GATE)
+    assert note.doubtful
+    text = note.text
     assert float(text.split("innovations are ")[1].split()[0]) == pytest.approx(1.6, abs=0.15)
     begin = float(text.split("from ")[1].split()[0])
     assert 140.0 <= begin <= 240.0
@@ -66,4 +72,4 @@ def test_a_sigma_too_small_is_named_with_its_factor_and_time(sound):
 
 def test_kinds_are_judged_apart(sound):
     updates = log(sound) + log(2.0 * sound, kind="velocity")
-    assert [text.split(":")[1] for text in doubts(updates, GATE)] == [" velocity"]
+    assert [note.text.split(":")[0] for note in doubts(updates, GATE)] == ["velocity"]

@@ -45,7 +45,8 @@ def test_a_run_with_a_base_is_centimetres_where_one_without_is_decimetres(drive)
 
 
 def test_the_notes_say_what_was_fixed_and_where_the_base_is(drive):
-    (note,) = [n for n in gnss_timeline(drive, rtk().gnss).notes if n.startswith("RTK")]
+    notes = gnss_timeline(drive, rtk().gnss).notes
+    (note,) = [n.text for n in notes if n.text.startswith("RTK")]
     assert "fixed" in note and "APPROX POSITION" in note
     assert any("base station BASE3010.20o" in n for n in drive.notes)
 

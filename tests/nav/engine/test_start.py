@@ -16,7 +16,8 @@ from certnav.filters.rotation import matrix_from_rotvec
 from certnav.filters.strapdown import InertialStream
 from certnav.nav.config import AlignmentConfig, Config, from_tables
 from certnav.nav.engine.gnss import gnss_timeline
-from certnav.nav.engine.start import StartFinder, find_start, start_filter
+from certnav.nav.engine.start.finder import StartFinder, find_start
+from certnav.nav.engine.start.state import start_filter
 from certnav.nav.pipeline import navigate
 
 

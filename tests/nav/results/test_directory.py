@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from certnav.filters.errors import ConfigError, DataError
+from certnav.nav.notes import plain
 from certnav.nav.report import run as report_module
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.report.figures import gnss_state, satellites
@@ -119,7 +120,7 @@ def test_summary_has_its_keys_and_is_strict(written):
     assert summary["duration_s"] == pytest.approx(150.0)
     assert summary["imu_samples"] == len(sequence.imu)
     assert summary["alignment"]["sigma_heading_deg"] == pytest.approx(1.2)
-    assert summary["notes"] == [*sequence.notes, *solution.notes]
+    assert summary["notes"] == [{"severity": n.severity, "text": n.text} for n in [*plain(sequence.notes), *solution.notes]]
     for counts in summary["updates"].values():
         assert counts["offered"] == counts["accepted"] + sum(counts["rejected"].values())
 

@@ -1,0 +1,1 @@
+"""Where the filter starts: one object a way to find the attitude, and the rule among them."""

@@ -1,0 +1,104 @@
+"""Position and velocity for a start: each GNSS velocity with the position nearest to it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....alignment.levelling import InitialAttitude, VelocityTrack
+from ....datasets.sequence import Calibration
+from ....filters.levers import lever_velocity, rate_over_earth
+from ....filters.rotation import FloatArray
+from ....filters.strapdown import InertialStream, NavState
+from ..events import GnssEvent
+from .state import Start
+
+#: A velocity can start the filter if a position lies this close to it [s].
+POSITION_NEAR = 2.5
+
+
+class Fixes:
+    """What GNSS has offered so far that can be used.
+
+    Parameters
+    ----------
+    stream : InertialStream
+        May grow.
+    calibration : Calibration
+
+    Attributes
+    ----------
+    pairs : list of (GnssEvent, GnssEvent)
+        Velocity and its position: the last before it, else the next one after it.
+    position : GnssEvent or None
+        The latest.
+    counts : dict
+        Positions and velocities so far.
+    """
+
+    def __init__(self, stream: InertialStream, calibration: Calibration) -> None:
+        self.stream, self.calibration = stream, calibration
+        self.pairs: list[tuple[GnssEvent, GnssEvent]] = []
+        self.position: GnssEvent | None = None
+        self.counts = {"position": 0, "velocity": 0}
+        self._unpaired: list[GnssEvent] = []
+
+    def add(self, event: GnssEvent) -> list[tuple[GnssEvent, GnssEvent]]:
+        """Take an event; return the pairs it completes."""
+        if event.reason or event.kind not in self.counts:
+            return []
+        self.counts[event.kind] += 1
+        if event.kind == "position":
+            self.position = event
+        elif self.stream.edges[1] <= event.time < self.stream.end:  # a sample has ended by then
+            self._unpaired.append(event)
+        position = self.position
+        if position is None:
+            return []
+        near = [v for v in self._unpaired if abs(position.time - v.time) <= POSITION_NEAR]
+        self._unpaired = [v for v in self._unpaired if v.time > position.time + POSITION_NEAR]
+        made = [(velocity, position) for velocity in near]
+        self.pairs += made
+        return made
+
+    def track(self) -> VelocityTrack:
+        """Return all velocities, with their positions, as levelling takes them."""
+        return VelocityTrack(
+            np.array([v.time for v, _ in self.pairs]),
+            np.array([v.value_e for v, _ in self.pairs]),
+            np.array([sigma_of(v) for v, _ in self.pairs]),
+            np.array([p.value_e for _, p in self.pairs]),
+        )
+
+    def at(self, time: FloatArray) -> NDArray[np.bool_]:
+        """Return at which of the times there is a pair."""
+        paired = np.array([v.time for v, _ in self.pairs])
+        return np.any(np.abs(time[:, None] - paired) < 1e-6, axis=1)
+
+    def start(self, attitude: InitialAttitude) -> Start:
+        """Return the start with position and velocity from GNSS, moved from antenna to IMU."""
+        v, p = min(self.pairs, key=lambda pair: abs(pair[0].time - attitude.time))
+        pos_e = p.value_e + v.value_e * (attitude.time - p.time)
+        lever_e = attitude.C_eb @ self.calibration.lever_antenna_b
+        state = NavState(
+            attitude.time, pos_e - lever_e, v.value_e - self.lever_velocity(attitude),
+            attitude.C_eb,
+        )  # fmt: skip
+        return Start(attitude, state, p.cov_e, v.cov_e)
+
+    def lever_velocity(self, attitude: InitialAttitude) -> FloatArray:
+        """Return C_eb (ω_eb × lever), the antenna's velocity less the IMU's [m/s]."""
+        k = min(self.stream.index(attitude.time), len(self.stream) - 1)
+        rate_b = rate_over_earth(attitude.C_eb, self.stream.gyro[k] - attitude.gyro_bias)
+        return lever_velocity(attitude.C_eb, rate_b, self.calibration.lever_antenna_b)
+
+
+def level_speed(velocity: GnssEvent, position: GnssEvent) -> float:
+    """Return the horizontal speed [m/s]."""
+    up = position.value_e / np.linalg.norm(position.value_e)
+    return float(np.linalg.norm(velocity.value_e - up * (up @ velocity.value_e)))
+
+
+def sigma_of(velocity: GnssEvent) -> float:
+    """Return the 1σ per axis of a velocity [m/s]."""
+    return float(np.sqrt(np.trace(velocity.cov_e) / 3.0))

@@ -1,0 +1,88 @@
+"""The state a filter begins with, with covariances, and the filter made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ....alignment.levelling import InitialAttitude
+from ....datasets.sequence import Calibration
+from ....filters.ekf import ErrorStateFilter
+from ....filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, VEL, ErrorModel
+from ....filters.rotation import FloatArray
+from ....filters.strapdown import InertialStream, NavState
+from ...config import FilterConfig
+from ...solution import AlignmentReport
+
+if TYPE_CHECKING:
+    from ....alignment.in_motion.align import InertialAlignment
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """State of the IMU at one instant, with covariances.
+
+    Parameters
+    ----------
+    attitude : InitialAttitude
+        How the attitude was found, and the gyro bias.
+    state : NavState
+    pos_cov_e, vel_cov_e : ndarray, shape (3, 3)
+        [m²], [m²/s²].
+    accel_bias : ndarray, shape (3,)
+        [m/s²].
+    certified : InertialAlignment, optional
+        The window that passed.
+    joint_cov : ndarray, shape (12, 12), optional
+        Certified: of attitude (body axes), velocity (e axes), gyro and accelerometer bias, with
+        their correlations. Position is taken as independent of them.
+    attempts : tuple of (float, str)
+        GPS time of each certified attempt [s], and what was missing.
+    """
+
+    attitude: InitialAttitude
+    state: NavState
+    pos_cov_e: FloatArray
+    vel_cov_e: FloatArray
+    accel_bias: FloatArray = field(default_factory=lambda: np.zeros(3))
+    certified: InertialAlignment | None = None
+    joint_cov: FloatArray | None = None
+    attempts: tuple[tuple[float, str], ...] = field(default=())
+
+    def report(self, began: float) -> AlignmentReport:
+        """Return how it was found, for the result; `began` is the beginning of the data [s]."""
+        attitude, found = self.attitude, self.certified
+        verdicts = found.result.verdicts if found is not None else ()
+        return AlignmentReport(
+            "given" if attitude.method == "given" else "aligned", attitude.method, attitude.time,
+            attitude.time - began, attitude.sigma_heading, attitude.message,
+            None if found is None else found.result.bound,
+            tuple((v.name, v.message) for v in verdicts), self.attempts,
+        )  # fmt: skip
+
+
+def start_filter(
+    start: Start,
+    stream: InertialStream,
+    calibration: Calibration,
+    model: ErrorModel,
+    config: FilterConfig,
+) -> ErrorStateFilter:
+    """Hand the start to the filter."""
+    attitude = start.attitude
+    pos_cov = start.pos_cov_e + np.eye(3) * calibration.lever_antenna_sigma**2
+    att_cov_b = attitude.C_eb.T @ attitude.cov_e @ attitude.C_eb
+    P = model.initial_covariance(pos_cov, start.vel_cov_e, att_cov_b)
+    if start.joint_cov is not None:
+        filled = np.r_[ATT, VEL, GYRO_BIAS, ACCEL_BIAS]
+        P[np.ix_(filled, filled)] = start.joint_cov
+    elif attitude.sigma_gyro_bias is not None:
+        P[GYRO_BIAS, GYRO_BIAS] = np.eye(3) * attitude.sigma_gyro_bias**2
+    rate = config.output_rate_hz
+    interval = 1.0 / rate if rate > 0 else 0.0
+    return ErrorStateFilter(
+        model, stream, start.state, P, interval, attitude.gyro_bias, config.smooth,
+        accel_bias=start.accel_bias,
+    )  # fmt: skip

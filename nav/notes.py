@@ -1,0 +1,49 @@
+"""What a run wants to tell: a sentence and how much it matters; how times are written in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from ..datasets.gpstime import SECONDS_PER_WEEK
+
+#: 'doubtful': something contradicts the run or its data; 'note': what was done, and with what.
+SEVERITIES = ("doubtful", "note")
+
+
+@dataclass(frozen=True)
+class Note:
+    """One sentence of a run.
+
+    Parameters
+    ----------
+    severity : {'doubtful', 'note'}
+    text : str
+        Without a full stop; figures with their units.
+    """
+
+    severity: str
+    text: str
+
+    def __post_init__(self) -> None:
+        if self.severity not in SEVERITIES:
+            raise ValueError(f"severity: expected one of {SEVERITIES}, found {self.severity!r}")
+
+    def __str__(self) -> str:
+        return f"doubtful: {self.text}" if self.doubtful else self.text
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether it speaks against the run."""
+        return self.severity == "doubtful"
+
+
+def plain(texts: Iterable[str]) -> tuple[Note, ...]:
+    """Return notes that only tell."""
+    return tuple(Note("note", text) for text in texts)
+
+
+def clock(time: float) -> str:
+    """Return a time as files print it: GPS seconds of week, or seconds where there is no date."""
+    week = int(time // SECONDS_PER_WEEK)
+    return f"{time:.2f} s" if week == 0 else f"SOW {time - week * SECONDS_PER_WEEK:.2f}"
