@@ -104,8 +104,8 @@ class FilterConfig:
     gate_width : float
         Positions and velocities whose innovation is up to so many times as large as the gate
         allows are weighted down until it is not, instead of being refused; 1: none.
-    gate_patience : int
-        After so many refusals in a row of one kind of update, the covariance is doubted
+    patience_s : float
+        After refusals of one kind of update that have lasted so long, the covariance is doubted
         instead: it is enlarged, tenfold at most, and the update tried again. 0: never.
     smooth : bool
         Fixed-interval smoothing after the run: every epoch knows all data.
@@ -118,7 +118,7 @@ class FilterConfig:
     imu: str = ""
     gate_probability: float = 1e-4
     gate_width: float = 2.0
-    gate_patience: int = 10
+    patience_s: float = 10.0
     smooth: bool = False
     output_rate_hz: float = 10.0
 
@@ -134,7 +134,7 @@ class FilterConfig:
             )
         if not self.gate_width >= 1.0:
             raise ConfigError(f"filter.gate_width: expected ≥ 1, found {self.gate_width}")
-        _positive("filter.gate_patience", self.gate_patience, zero=True)
+        _positive("filter.patience_s", self.patience_s, zero=True)
         _positive("filter.output_rate_hz", self.output_rate_hz, zero=True)
 
 

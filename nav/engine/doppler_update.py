@@ -1,123 +1,147 @@
-"""Doppler of an epoch offered to the filter: screened against it first, whatever the count.
+"""Doppler of an epoch offered to the filter: four satellites and more, or what is left of them.
 
 Every satellite's range rate is a measurement of the antenna's velocity and of the receiver's clock
 drift; four and more of them are a velocity, two or three are still equations, and nothing is
-divided by k. Which satellites to believe is decided against the filter's own velocity and clock:
-between houses several reflected signals may agree with each other. One that is refused is not
-believed again for a while, or it would be as soon as the filter, starved, has become modest enough.
-
-'ddia' is the paper's way below four: eq. (20) as a velocity along the vehicle's nose, screened by
-C/N0 and |SDV·RMD|.
+divided by k. 'ddia' is the paper's way below four: eq. (20) as a velocity along the vehicle's nose,
+screened by C/N0 and |SDV·RMD|.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from numpy.typing import NDArray
 
 from ...datasets.sequence import Calibration
 from ...filters import constraints, measurements
 from ...filters.ekf import ErrorStateFilter, Outcome
-from ...filters.gnss_states import CLOCK_DRIFT_SIGMA
 from ...filters.measurements import Measurement
-from ...filters.rotation import FloatArray
-from ...velocity.aided_screening import agreeing
 from ...velocity.ddia import ddia_velocity
-from ...velocity.range_rate import DopplerRows
-from ..config import GnssConfig
+from ...velocity.range_rate import DopplerRows, doppler_rows
+from ..config import Config, GnssConfig
+from ..solution import Update
 from . import ddia_update
-from .events import doppler_noise
+from .doppler_screening import DopplerScreening
+from .events import GnssEvent, doppler_noise
+from .fix_update import logged
+
+#: Doubted again within this time, the velocity is not all that is wrong [s].
+_AGAIN = 60.0
 
 
-class DopplerScreening:
-    """Says which satellites of an epoch agree with the filter, and remembers which did not.
+class DopplerUpdates:
+    """Offers the Doppler of epochs; remembers whom it did not believe, and how many there were.
 
     Parameters
     ----------
-    hold_off : float
-        How long a satellite that disagreed is not believed [s].
-    significance : float
-        Probability that the test accuses fault-free rows.
+    kalman : ErrorStateFilter
+    calibration : Calibration
+    config : Config
+    forward : bool
+        Whether rows of two or three satellites come with the assumption that the car goes where
+        it points.
+    log : callable
+        Takes what became of satellites left out, and of that assumption.
+
+    Attributes
+    ----------
+    agreed : bool
+        Whether a satellite of the last epoch agreed with the filter, clock and all: then it is
+        not the filter that is to be doubted.
     """
 
-    def __init__(self, hold_off: float, significance: float) -> None:
-        self.hold_off, self.significance = hold_off, significance
-        self._until: dict[str, float] = {}
+    def __init__(
+        self,
+        kalman: ErrorStateFilter,
+        calibration: Calibration,
+        config: Config,
+        forward: bool,
+        log: Callable[[Update], None],
+    ) -> None:
+        self.kalman, self.calibration, self.config = kalman, calibration, config
+        self.forward, self.log = forward, log
+        self.agreed = False
+        self._four = False
+        self._doubted = -np.inf
+        self._screening = DopplerScreening(
+            config.gnss.doppler_hold_off_s, config.filter.gate_probability
+        )
 
-    def held(self, rows: DopplerRows, time: float) -> NDArray[np.bool_]:
-        """Return which rows belong to satellites that are not believed at `time`."""
-        return np.array([self._until.get(str(s), -np.inf) > time for s in rows.sat], dtype=bool)
+    def offer(self, event: GnssEvent, insist: bool, checked: bool) -> Update:
+        """Offer what agrees with the filter, as a velocity or as rows.
 
-    def forget(self) -> None:
-        """Believe every satellite again."""
-        self._until.clear()
-
-    def test(
-        self, kalman: ErrorStateFilter, calibration: Calibration, rows: DopplerRows, time: float
-    ) -> NDArray[np.bool_]:
-        """Return which rows to use; the others are held off from now on.
-
-        A satellite on hold is tested too, after the others: while it disagrees with them, its
-        time does not run.
+        Parameters
+        ----------
+        event : GnssEvent
+            With observations.
+        insist : bool
+            Doubt the filter first, and believe every satellite again.
+        checked : bool
+            Whether there are satellites enough for least squares to have checked them.
         """
-        held = self.held(rows, time)
-        trial = rows.take(~held)
-        H, z, P = _linear(kalman, calibration, trial)
-        keep = agreeing(H, z, P, self.significance) if len(trial) else np.zeros(0, dtype=bool)
-        if len(trial) >= 3 and 2 * keep.sum() < len(trial):
-            # All of them at once: it may be the receiver's clock that has jumped.
-            free = _without_clock(P)
-            again = agreeing(H, z, free, self.significance)
-            if 2 * again.sum() > len(trial) and again.sum() >= 3:
-                kalman.reconsider(*kalman.gnss.clock_forgotten(kalman.P))
-                keep = again
-                P = free
-        used = np.zeros(len(rows), dtype=bool)
-        used[np.flatnonzero(~held)[keep]] = True
-        for sat in rows.sat[~held][~keep]:
-            self._until[str(sat)] = time + self.hold_off
-        if held.any() and keep.any():
-            after = _posterior(H[keep], P)
-            x = after @ H[keep].T @ z[keep]
-            H, z, _ = _linear(kalman, calibration, rows.take(held))
-            S = np.sum((H @ after) * H, axis=1) + 1.0
-            wrong = (z - H @ x) ** 2 > 9.0 * S
-            for sat in rows.sat[held][wrong]:
-                self._until[str(sat)] = time + self.hold_off
-        return used
+        kalman, calibration, time = self.kalman, self.calibration, event.time
+        assert event.observations is not None
+        antenna_e = kalman.pos_e + kalman.C_eb @ calibration.lever_antenna_b
+        rows = doppler_rows(event.observations, antenna_e, doppler_noise(self.config.gnss))
+        if insist:
+            self._doubt(event, rows, checked)
+        held = self._screening.held(rows, time)
+        keep = self._screening.test(kalman, calibration, rows, time)
+        self._log_exclusion(time, rows.take(~keep & ~held))
+        self.agreed = bool(keep.any()) and not checked
+        count = int(keep.sum())
+        enough = self._enough(count)
+        if count < 2 or (not enough and self.config.gnss.below_four == "off"):
+            reason = f"fewer than {'two' if count < 2 else 'four'} satellites agree with the filter"
+            if count == 4:
+                reason = "four satellites, fewer the epoch before"
+            kind = "velocity" if enough else "doppler"
+            return Update(time, kind, tuple(map(str, rows.sat)), reason=reason)
+        return self._apply(time, rows.take(keep), enough)
 
+    def _apply(self, time: float, rows: DopplerRows, enough: bool) -> Update:
+        kalman, calibration, config = self.kalman, self.calibration, self.config
+        gate = config.filter.gate_probability
+        kind = "velocity" if enough else "doppler"
+        if not enough and config.gnss.below_four == "ddia":
+            found, names, reason = apply_ddia(kalman, calibration, rows, time, config.gnss, gate)
+            if found is None:
+                return Update(time, kind, names, reason=reason)
+            return logged(time, kind, names, found, reason)
+        outcome = kalman.update(self._adapted(rows_measurement(kalman, calibration, rows)), gate)
+        if not enough and self.forward and outcome.accepted:
+            straight = kalman.update(straight_ahead(kalman, calibration), gate)
+            self.log(logged(time, "nhc", (), straight))
+        return logged(time, kind, tuple(map(str, rows.sat)), outcome)
 
-def _linear(
-    kalman: ErrorStateFilter, calibration: Calibration, rows: DopplerRows
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return whitened rows in antenna velocity and clock drift: H (n, 4), z (n,) and P (4, 4)."""
-    lever, n = calibration.lever_antenna_b, kalman.model.size
-    antenna = measurements.velocity(
-        kalman.state, n, np.zeros(3), np.eye(3), lever, kalman.omega_b
-    ).H
-    clock = kalman.model.clock
-    P = np.zeros((4, 4))
-    J = antenna
-    if clock is not None:
-        J = np.vstack([antenna, np.eye(n)[clock]])
-    P[: len(J), : len(J)] = J @ kalman.P @ J.T
-    if clock is None:
-        P = _without_clock(P)
-    predicted = measurements.antenna_velocity(kalman.state, kalman.omega_b, lever)
-    H = np.column_stack([rows.e_e, -np.ones(len(rows))]) / rows.sigma[:, None]
-    z = (rows.z - rows.e_e @ predicted + kalman.gnss.clock_drift) / rows.sigma
-    return H, z, P
+    def _doubt(self, event: GnssEvent, rows: DopplerRows, checked: bool) -> None:
+        """Enlarge the covariance: of the velocity alone, if that is likely to be all."""
+        self._screening.forget()
+        usable = rows.take(np.isin(rows.sat, event.satellites))
+        m = rows_measurement(self.kalman, self.calibration, usable)
+        if checked and event.time - self._doubted >= _AGAIN:
+            self.kalman.doubt(m)
+        else:
+            self.kalman.enlarge(m)
+        self._doubted = event.time
 
+    def _adapted(self, m: Measurement) -> Measurement:
+        """Return a measurement with R enlarged by what its NIS says R lacks."""
+        nis = self.kalman.test(m, 0.0).nis
+        return Measurement(m.z, m.H, m.R * max(1.0, nis / m.z.size))
 
-def _without_clock(P: FloatArray) -> FloatArray:
-    out = P.copy()
-    out[3], out[:, 3] = 0.0, 0.0
-    out[3, 3] = CLOCK_DRIFT_SIGMA**2
-    return out
+    def _enough(self, satellites: int) -> bool:
+        """Tell whether an epoch counts as four and more: four alone only the second time."""
+        enough = satellites > 4 or (satellites == 4 and self._four)
+        self._four = satellites >= 4
+        return enough
 
-
-def _posterior(H: FloatArray, P: FloatArray) -> FloatArray:
-    return P - P @ H.T @ np.linalg.solve(H @ P @ H.T + np.eye(len(H)), H @ P)
+    def _log_exclusion(self, time: float, rows: DopplerRows) -> None:
+        if len(rows):
+            names = tuple(map(str, rows.sat))
+            hold = self.config.gnss.doppler_hold_off_s
+            reason = f"disagrees with the filter: not believed for {hold:g} s"
+            self.log(Update(time, "doppler", names, reason=reason))
 
 
 def rows_measurement(

@@ -96,12 +96,12 @@ def test_recovery_from_a_persistent_shift():
     pos_e = sequence.fixes.pos_e.copy()
     pos_e[100:] += [30.0, 0.0, 0.0]
     shifted = dataclasses.replace(sequence, fixes=dataclasses.replace(sequence.fixes, pos_e=pos_e))
-    solution = navigate(shifted, config_with(filter={"gate_patience": 8}))
+    solution = navigate(shifted, config_with(filter={"patience_s": 8.0}))
     overruled = [u for u in solution.updates if u.accepted and u.reason]
     assert overruled
     last = [u for u in solution.updates if u.kind == "position"][-20:]
     assert all(u.accepted for u in last)
-    locked_out = navigate(shifted, config_with(filter={"gate_patience": 0}))
+    locked_out = navigate(shifted, config_with(filter={"patience_s": 0.0}))
     assert not any(
         u.accepted
         for u in locked_out.updates

@@ -11,7 +11,8 @@ from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import VEL, ErrorModel
 from certnav.filters.sensors import imu_preset
 from certnav.filters.strapdown import InertialStream, NavState
-from certnav.nav.engine.doppler_update import DopplerScreening, rows_measurement
+from certnav.nav.engine.doppler_screening import DopplerScreening
+from certnav.nav.engine.doppler_update import rows_measurement
 from certnav.velocity.range_rate import DopplerRows
 
 HOLD, SIGMA = 10.0, 0.05

@@ -1,0 +1,110 @@
+"""Which Doppler to believe: every satellite held against the filter, whatever the count.
+
+Decided against the filter's own velocity and clock: between houses several reflected signals may
+agree with each other. One that is refused is not believed again for a while, or it would be as
+soon as the filter, starved, has become modest enough.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...datasets.sequence import Calibration
+from ...filters import measurements
+from ...filters.ekf import ErrorStateFilter
+from ...filters.gnss_states import CLOCK_DRIFT_SIGMA
+from ...filters.rotation import FloatArray
+from ...velocity.aided_screening import agreeing
+from ...velocity.range_rate import DopplerRows
+
+
+class DopplerScreening:
+    """Says which satellites of an epoch agree with the filter, and remembers which did not.
+
+    Parameters
+    ----------
+    hold_off : float
+        How long a satellite that disagreed is not believed [s].
+    significance : float
+        Probability that the test accuses fault-free rows.
+    """
+
+    def __init__(self, hold_off: float, significance: float) -> None:
+        self.hold_off, self.significance = hold_off, significance
+        self._until: dict[str, float] = {}
+
+    def held(self, rows: DopplerRows, time: float) -> NDArray[np.bool_]:
+        """Return which rows belong to satellites that are not believed at `time`."""
+        return np.array([self._until.get(str(s), -np.inf) > time for s in rows.sat], dtype=bool)
+
+    def forget(self) -> None:
+        """Believe every satellite again."""
+        self._until.clear()
+
+    def test(
+        self, kalman: ErrorStateFilter, calibration: Calibration, rows: DopplerRows, time: float
+    ) -> NDArray[np.bool_]:
+        """Return which rows to use; the others are held off from now on.
+
+        A satellite on hold is tested too, after the others: while it disagrees with them, its
+        time does not run.
+        """
+        held = self.held(rows, time)
+        trial = rows.take(~held)
+        H, z, P = _linear(kalman, calibration, trial)
+        keep = agreeing(H, z, P, self.significance) if len(trial) else np.zeros(0, dtype=bool)
+        if len(trial) >= 3 and 2 * keep.sum() < len(trial):
+            # All of them at once: it may be the receiver's clock that has jumped.
+            free = _without_clock(P)
+            again = agreeing(H, z, free, self.significance)
+            if 2 * again.sum() > len(trial) and again.sum() >= 3:
+                kalman.reconsider(*kalman.gnss.clock_forgotten(kalman.P))
+                keep = again
+                P = free
+        used = np.zeros(len(rows), dtype=bool)
+        used[np.flatnonzero(~held)[keep]] = True
+        for sat in rows.sat[~held][~keep]:
+            self._until[str(sat)] = time + self.hold_off
+        if held.any() and keep.any():
+            after = _posterior(H[keep], P)
+            x = after @ H[keep].T @ z[keep]
+            H, z, _ = _linear(kalman, calibration, rows.take(held))
+            S = np.sum((H @ after) * H, axis=1) + 1.0
+            wrong = (z - H @ x) ** 2 > 9.0 * S
+            for sat in rows.sat[held][wrong]:
+                self._until[str(sat)] = time + self.hold_off
+        return used
+
+
+def _linear(
+    kalman: ErrorStateFilter, calibration: Calibration, rows: DopplerRows
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return whitened rows in antenna velocity and clock drift: H (n, 4), z (n,) and P (4, 4)."""
+    lever, n = calibration.lever_antenna_b, kalman.model.size
+    antenna = measurements.velocity(
+        kalman.state, n, np.zeros(3), np.eye(3), lever, kalman.omega_b
+    ).H
+    clock = kalman.model.clock
+    P = np.zeros((4, 4))
+    J = antenna
+    if clock is not None:
+        J = np.vstack([antenna, np.eye(n)[clock]])
+    P[: len(J), : len(J)] = J @ kalman.P @ J.T
+    if clock is None:
+        P = _without_clock(P)
+    predicted = measurements.antenna_velocity(kalman.state, kalman.omega_b, lever)
+    H = np.column_stack([rows.e_e, -np.ones(len(rows))]) / rows.sigma[:, None]
+    z = (rows.z - rows.e_e @ predicted + kalman.gnss.clock_drift) / rows.sigma
+    return H, z, P
+
+
+def _without_clock(P: FloatArray) -> FloatArray:
+    out = P.copy()
+    out[3], out[:, 3] = 0.0, 0.0
+    out[3, 3] = CLOCK_DRIFT_SIGMA**2
+    return out
+
+
+def _posterior(H: FloatArray, P: FloatArray) -> FloatArray:
+    return P - P @ H.T @ np.linalg.solve(H @ P @ H.T + np.eye(len(H)), H @ P)

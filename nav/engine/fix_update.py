@@ -1,0 +1,90 @@
+"""Positions and velocities that come ready-made, offered to the filter."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ...datasets.sequence import Calibration
+from ...filters import measurements
+from ...filters.ekf import ErrorStateFilter, Outcome
+from ...filters.measurements import Measurement
+from ..config import FilterConfig
+from ..solution import Update
+from .events import GnssEvent
+
+#: What the log says of a measurement for whose sake the covariance was enlarged.
+ENLARGED = "covariance enlarged after repeated refusal"
+
+
+class FixUpdates:
+    """Offers fixes; remembers which satellites the last position came from.
+
+    Parameters
+    ----------
+    kalman : ErrorStateFilter
+    calibration : Calibration
+    config : FilterConfig
+    """
+
+    def __init__(
+        self, kalman: ErrorStateFilter, calibration: Calibration, config: FilterConfig
+    ) -> None:
+        self.kalman, self.calibration, self.config = kalman, calibration, config
+        self._satellites: set[str] = set()
+
+    def overlap(self, satellites: tuple[str, ...]) -> float:
+        """Return the share of satellites that a position has in common with the last one, 0 … 1."""
+        before, now = self._satellites, set(satellites)
+        self._satellites = now
+        return len(before & now) / len(before | now) if before else 1.0
+
+    def offer(self, event: GnssEvent, insist: bool) -> Update:
+        """Offer a position or a velocity; with `insist`, enlarge the covariance until it fits."""
+        measurement = self._position(event) if event.kind == "position" else self._velocity(event)
+        outcome, reason = self._softly(measurement)
+        if insist and not outcome.accepted:
+            self.kalman.enlarge(measurement)
+            if self.kalman.update(measurement, self.config.gate_probability).accepted:
+                outcome, reason = dataclasses.replace(outcome, accepted=True), ENLARGED
+        return logged(event.time, event.kind, event.satellites, outcome, reason)
+
+    def _position(self, event: GnssEvent) -> Measurement:
+        kalman, model, lever = self.kalman, self.kalman.model, self.calibration.lever_antenna_b
+        cov = event.cov_e + np.eye(3) * self.calibration.lever_antenna_sigma**2
+        m = measurements.position(kalman.state, model.size, event.value_e, cov, lever)
+        if not event.shared or model.fix_bias is None:
+            return m
+        overlap = self.overlap(event.satellites)
+        if overlap < 1.0:
+            kalman.reconsider(*kalman.gnss.other_satellites(kalman.P, overlap))
+        return measurements.with_shared_error(m, event.cov_e, model.fix_bias, kalman.gnss.fix_bias)
+
+    def _velocity(self, event: GnssEvent) -> Measurement:
+        kalman, lever = self.kalman, self.calibration.lever_antenna_b
+        return measurements.velocity(
+            kalman.state, kalman.model.size, event.value_e, event.cov_e, lever, kalman.omega_b
+        )
+
+    def _softly(self, m: Measurement) -> tuple[Outcome, str]:
+        """Offer a fix; one a little beyond the gate is weighted down to it, not refused."""
+        kalman, gate = self.kalman, self.config.gate_probability
+        outcome = kalman.update(m, gate)
+        if outcome.accepted or not outcome.nis <= self.config.gate_width**2 * outcome.limit:
+            return outcome, ""
+        while not kalman.test(m, gate).accepted:
+            m = Measurement(m.z, m.H, 1.2 * m.R)
+        kalman.update(m)
+        reason = f"weighted down to the gate (NIS > {outcome.limit:.1f})"
+        return dataclasses.replace(outcome, accepted=True), reason
+
+
+def logged(
+    time: float, kind: str, satellites: tuple[str, ...], outcome: Outcome, reason: str = ""
+) -> Update:
+    """Return what the log says of a measurement that was tested."""
+    if not outcome.accepted and not reason:
+        reason = f"innovation test (NIS > {outcome.limit:.1f})"
+    whitened = tuple(map(float, outcome.whitened))
+    return Update(time, kind, satellites, whitened, outcome.nis, outcome.accepted, reason)

@@ -1,0 +1,63 @@
+"""How long measurements of one kind have been refused in a row: in time, not in numbers.
+
+Ten refusals are ten seconds of evidence from a receiver that reports once a second and one from a
+receiver that reports ten times; what they prove about a filter, or about a fault that outlasts its
+measurements, is a matter of time.
+"""
+
+from __future__ import annotations
+
+#: After an attempt that has failed the next one comes so soon [s].
+_AGAIN = 2.0
+#: Share of the patience that one interval between measurements can use up: silence refuses nothing.
+_SHARE = 0.25
+
+
+class Patience:
+    """Refusals in a row of one kind of measurement.
+
+    Parameters
+    ----------
+    limit : float
+        Time after which patience is at an end [s]; 0: never.
+    """
+
+    def __init__(self, limit: float) -> None:
+        self.limit = limit
+        self._lasted = 0.0
+        self._latest: float | None = None
+
+    @property
+    def lasted(self) -> float:
+        """How long the refusals so far have lasted [s]."""
+        return self._lasted
+
+    def accepted(self) -> None:
+        """Forget all refusals."""
+        self._lasted, self._latest = 0.0, None
+
+    def refused(self, time: float) -> None:
+        """Take a refusal at `time` [s]."""
+        self._lasted, self._latest = self._by(time), time
+
+    def failed(self, time: float) -> None:
+        """Take a refusal of what was insisted on: once more, and soon."""
+        self._lasted, self._latest = max(self.limit - _AGAIN, 0.0), time
+
+    def over(self, time: float, limit: float | None = None) -> bool:
+        """Tell if one more refusal at `time` [s] would be one too many.
+
+        Parameters
+        ----------
+        time : float
+        limit : float, optional
+            In place of the usual limit, where there is better evidence [s].
+        """
+        if self.limit <= 0.0 or self._latest is None:
+            return False
+        return self._by(time) >= (self.limit if limit is None else limit) - 1e-6
+
+    def _by(self, time: float) -> float:
+        if self._latest is None:
+            return 0.0
+        return self._lasted + min(time - self._latest, _SHARE * self.limit or time - self._latest)
