@@ -95,8 +95,7 @@ class DopplerUpdates:
             reason = f"fewer than {'two' if count < 2 else 'four'} satellites agree with the filter"
             if count == 4:
                 reason = "four satellites, fewer the epoch before"
-            kind = "velocity" if enough else "doppler"
-            return Update(time, kind, tuple(map(str, rows.sat)), reason=reason)
+            return Update(time, event.kind, tuple(map(str, rows.sat)), reason=reason)
         return self._apply(time, rows.take(keep), enough)
 
     def _apply(self, time: float, rows: DopplerRows, enough: bool) -> Update:

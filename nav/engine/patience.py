@@ -9,8 +9,8 @@ from __future__ import annotations
 
 #: After an attempt that has failed the next one comes so soon [s].
 _AGAIN = 2.0
-#: Share of the patience that one interval between measurements can use up: silence refuses nothing.
-_SHARE = 0.25
+#: Of the time between two refusals so much counts at most [s]: silence refuses nothing.
+_BETWEEN = 2.0
 
 
 class Patience:
@@ -60,4 +60,4 @@ class Patience:
     def _by(self, time: float) -> float:
         if self._latest is None:
             return 0.0
-        return self._lasted + min(time - self._latest, _SHARE * self.limit or time - self._latest)
+        return self._lasted + min(time - self._latest, _BETWEEN)
