@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from certnav.filters.errors import ConfigError, DataError
-from certnav.nav.report import run as report_module
 from certnav.nav.evaluation.accuracy import evaluate
+from certnav.nav.report import run as report_module
 from certnav.nav.report.figures import gnss_state, satellites
 from certnav.nav.results.directory import is_result, read_result, write_result
-from certnav.nav.solution import Epochs, Update
 from certnav.nav.results.summary import count_updates, strict
+from certnav.nav.solution import Epochs, Update
 
 CONFIG = 'name = "made-up"\n[gate]\nposition = 16.27\n'
 
