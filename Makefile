@@ -1,28 +1,49 @@
-PYTHON ?= python3
-VENV   := .venv
-BIN    := $(VENV)/bin
-STAMP  := $(VENV)/.installed
+PYTHON      ?= python3
+VENV        ?= .venv
+CONSTRAINTS ?= constraints.txt
+BIN         := $(VENV)/bin
+VERSION     := $(shell $(PYTHON) -c 'import sys; print("%d.%d.%d" % sys.version_info[:3])')
+STAMP       := $(VENV)/.installed-$(VERSION)
 
-.PHONY: demo test setup lint clean
+# Each library at its work: kernels, both SDP solvers, RTKLIB, tables, receiver logs, Dask, report.
+SMOKE := tests/test_readme.py tests/test_examples.py tests/packaging tests/filters/test_jit.py \
+	tests/filters/test_measurement_update.py tests/alignment/test_verdict.py \
+	tests/alignment/reference/test_sdp.py::test_cvxpy_agrees tests/datasets/text \
+	tests/datasets/formats/test_receiver_logs.py tests/datasets/formats/test_oakville.py \
+	tests/velocity/study tests/nav/test_sweep.py tests/nav/results
+
+.PHONY: demo test smoke newest setup lint types clean
 
 demo: setup            ## simulate a city drive in the GREAT layout, navigate it, write the report
 	$(BIN)/certnav demo
 
-test: setup lint       ## lint, types, tests
+test: lint types       ## lint, types, tests; another Python: make test PYTHON=python3.13
 	$(BIN)/pytest -n auto
+
+smoke: types           ## types, and a minute of tests that use every library
+	$(BIN)/pytest -n auto $(SMOKE)
+
+newest:                ## types and tests with the newest versions of everything, in .venv-newest
+	rm -rf .venv-newest
+	$(MAKE) types VENV=.venv-newest CONSTRAINTS=
+	.venv-newest/bin/pytest -n auto
 
 setup: $(STAMP)        ## make .venv and install certnav with what the tests need
 
-$(STAMP): pyproject.toml
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[test]"
+# A venv of another Python is made anew: its stamp has another name.
+$(STAMP): pyproject.toml $(CONSTRAINTS)
+	$(PYTHON) -m venv $(if $(wildcard $(STAMP)),,--clear) $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		$(if $(CONSTRAINTS),--constraint $(CONSTRAINTS)) --editable ".[test]"
 	mkdir -p $(VENV)/typing && ln -sfn ../.. $(VENV)/typing/certnav  # where mypy finds it
-	touch $(STAMP)
+	touch $@
 
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+
+types: setup
+	MYPYPATH=$(VENV)/typing $(BIN)/mypy
 
 clean:
-	rm -rf $(VENV) results
+	rm -rf .venv .venv-* results

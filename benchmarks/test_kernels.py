@@ -1,7 +1,7 @@
 """Times of what is compiled: ``pip install -e '.[bench]' && pytest benchmarks``.
 
-Not collected with the tests: a time is no property of the code alone. `scripts/benchmark.py`
-times whole runs, and the peers.
+Not collected with the tests: a time is no property of the code alone. `test_passes.py` times
+passes over a whole recording, `scripts/benchmark.py` whole runs, and the peers.
 """
 
 from __future__ import annotations

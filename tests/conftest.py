@@ -18,5 +18,15 @@ def data_dir() -> Path:
     """Folder of real recordings; tests that need it are skipped where it is absent."""
     path = Path(os.environ.get("CERTNAV_DATA", ROOT.parent / "shared" / "data"))
     if not path.is_dir():
-        pytest.skip(f"real data not found at {path} (set CERTNAV_DATA)")
+        pytest.skip(f"no recordings at {path}: set CERTNAV_DATA to their folder")
     return path
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    """Fail what is skipped where CI is set: recordings, packages and tools are all there."""
+    report = yield
+    if report.skipped and not hasattr(report, "wasxfail") and os.environ.get("CI"):
+        report.outcome = "failed"
+        report.longrepr = f"nothing is skipped in CI: {call.excinfo.value}"
+    return report

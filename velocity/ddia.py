@@ -235,7 +235,7 @@ def ddia_velocity(
     y = rows.z - rows.e_e @ motion.swing_e
 
     def strong(keep: NDArray[np.bool_]) -> bool:
-        return keep.sum() >= 2 and _equivalent_k(h[keep], rows.sigma[keep]) > min_k
+        return bool(keep.sum() >= 2 and _equivalent_k(h[keep], rows.sigma[keep]) > min_k)
 
     everything = np.ones(len(rows), dtype=bool)
     if not strong(everything):

@@ -15,7 +15,7 @@ config.toml            the configuration in force
 summary.json           figures of the run; strict JSON, what is not known is null
 report.html            all of it for people, unless it was left out
 solution.pos …         exports that were asked for (`nav.results.formats`)
-SHA256SUMS             checksums of all these: ``sha256sum --check SHA256SUMS`` (`nav.results.placing`)
+SHA256SUMS             for ``sha256sum --check SHA256SUMS`` (`nav.results.placing`)
 =====================  ========================================================================
 """
 
@@ -33,10 +33,10 @@ import numpy as np
 from ...datasets.sequence import Sequence
 from ...filters.errors import DataError
 from ..evaluation.accuracy import Evaluation, without_reference
-from .formats import check_formats, write_formats
-from .placing import SEAL, clean, current, new_draft, place
 from ..notes import Note
 from ..solution import AlignmentReport, Solution
+from .formats import check_formats, write_formats
+from .placing import SEAL, clean, current, new_draft, place
 from .summary import strict, summarise
 from .tables import (
     read_attempts,

@@ -66,7 +66,10 @@ def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) ->
             "lever_antenna_b_m": calibration.lever_antenna_b,
             "lever_antenna_source": calibration.lever_antenna_source,
         },
-        "notes": [dataclasses.asdict(note) for note in dict.fromkeys([*plain(sequence.notes), *solution.notes])],
+        "notes": [
+            dataclasses.asdict(note)
+            for note in dict.fromkeys([*plain(sequence.notes), *solution.notes])
+        ],
     }
 
 

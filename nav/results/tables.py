@@ -26,8 +26,8 @@ from ..evaluation.accuracy import (
     rpy_covariance,
     standard_deviation,
 )
-from .formats import geodetic_and_ned, write_rows
 from ..solution import Epochs, Trajectory, Update
+from .formats import geodetic_and_ned, write_rows
 
 _DEGPH = np.pi / 180.0 / 3600.0
 _MG = 1e-3 * STANDARD_GRAVITY

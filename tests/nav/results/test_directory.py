@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from certnav.filters.errors import ConfigError, DataError
+from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.notes import plain
 from certnav.nav.report import run as report_module
-from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.report.figures import gnss_state, satellites
 from certnav.nav.results.directory import is_result, read_result, write_result
-from certnav.nav.solution import Epochs, Update
 from certnav.nav.results.summary import count_updates, strict
+from certnav.nav.solution import Epochs, Update
 
 CONFIG = 'name = "made-up"\n[gate]\nposition = 16.27\n'
 
@@ -120,7 +120,9 @@ def test_summary_has_its_keys_and_is_strict(written):
     assert summary["duration_s"] == pytest.approx(150.0)
     assert summary["imu_samples"] == len(sequence.imu)
     assert summary["alignment"]["sigma_heading_deg"] == pytest.approx(1.2)
-    assert summary["notes"] == [{"severity": n.severity, "text": n.text} for n in [*plain(sequence.notes), *solution.notes]]
+    assert summary["notes"] == [
+        {"severity": n.severity, "text": n.text} for n in [*plain(sequence.notes), *solution.notes]
+    ]
     for counts in summary["updates"].values():
         assert counts["offered"] == counts["accepted"] + sum(counts["rejected"].values())
 

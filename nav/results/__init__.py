@@ -1,0 +1,1 @@
+"""The result directory of a run, written in one move and read back whole."""

@@ -1,0 +1,48 @@
+"""What is skipped on a desk without the recordings fails in CI, and says what is missing."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = """
+import pytest
+
+def test_of_a_recording(data_dir): ...
+def test_of_a_package(): pytest.importorskip("no_such_package")
+@pytest.mark.skipif(True, reason="no such tool")
+def test_of_a_tool(): ...
+@pytest.mark.xfail(reason="known", strict=True)
+def test_known_to_fail(): assert False
+def test_of_nothing_else(): ...
+"""
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Return a function: the closing line and all output of the tests above, under a CI."""
+    shutil.copyfile(Path(__file__).with_name("conftest.py"), tmp_path / "conftest.py")
+    (tmp_path / "test_some.py").write_text(TESTS)
+
+    def pytest_with(ci: str) -> tuple[str, str]:
+        env = {**os.environ, "CI": ci, "CERTNAV_DATA": str(tmp_path / "nowhere")}
+        command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", str(tmp_path)]
+        out = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True).stdout
+        return out.splitlines()[-1], out
+
+    return pytest_with
+
+
+def test_at_a_desk_they_are_skipped(run):
+    assert "1 passed, 3 skipped, 1 xfailed" in run("")[0]
+
+
+def test_in_ci_they_fail_and_say_what_is_missing(run, tmp_path):
+    closing, out = run("true")
+    assert "1 failed, 1 passed, 1 xfailed, 2 errors" in closing
+    assert f"nothing is skipped in CI: no recordings at {tmp_path / 'nowhere'}: set" in out
+    assert "nothing is skipped in CI: could not import 'no_such_package'" in out
+    assert "nothing is skipped in CI: no such tool" in out
