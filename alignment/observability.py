@@ -45,6 +45,11 @@ class Geometry(Enum):
     MIRROR = "two rotations, mirror images, have the same cost (rank V = rank N = 2)"
     UNOBSERVABLE = "a continuum of rotations has the same cost (Lemma 1 fails)"
 
+    @property
+    def determined(self) -> bool:
+        """Whether one rotation fits best, by more than noise."""
+        return self in (Geometry.LINEAR, Geometry.GENERIC)
+
 
 @dataclass(frozen=True, eq=False)
 class Observability:

@@ -85,6 +85,8 @@ def heading_prior(direction_w: ArrayLike, heading: float, C_en: ArrayLike, sigma
 def with_priors(problem: AlignmentProblem, priors: Iterable[Prior]) -> AlignmentProblem:
     """Return the problem with the priors' rows added."""
     priors = tuple(priors)
+    if not priors:
+        return problem
     stacked = np.vstack([problem.factor, *(p.rows for p in priors)])
     factor = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=float)
     return replace(
