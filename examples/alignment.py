@@ -8,11 +8,9 @@
 # %%
 import numpy as np
 
-from certnav.alignment.problem import ClockModel
-from certnav.alignment.reference.simulation import simulate_window
-from certnav.alignment.result import Ask
-from certnav.alignment.solver.refinement import rotation_angle
-from certnav.alignment.verdict import align
+from certnav.alignment import Ask, ClockModel, align
+from certnav.alignment.reference import simulate_window
+from certnav.alignment.solver import rotation_angle
 
 rng = np.random.default_rng(7)
 
