@@ -81,6 +81,10 @@ class Observability:
     axes_v: FloatArray
     axes_n: FloatArray
 
+    def __repr__(self) -> str:
+        ranks = f"ranks {self.rank_v} of V, {self.rank_n} of N, {self.rank_m} of M"
+        return f"<Observability {self.geometry.name}: {ranks}>"
+
     @property
     def lemma_1(self) -> bool:
         """True if velocities and lines of sight each span two dimensions: necessary."""

@@ -40,6 +40,9 @@ class Prior:
     rows: FloatArray
     dof: int
 
+    def __repr__(self) -> str:
+        return f"<Prior '{self.name}', {self.dof} dof>"
+
 
 def up_prior(up_w: ArrayLike, C_en: ArrayLike, sigma: float) -> Prior:
     """Return the prior of a known vertical.

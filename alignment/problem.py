@@ -81,8 +81,16 @@ class AlignmentRows:
         _refuse("e_e", np.abs(length - 1.0) > 1e-3, length, "a unit vector")
         _refuse("sigma", self.sigma <= 0.0, self.sigma, "a positive 1σ")
 
+    def __repr__(self) -> str:
+        epochs = np.unique(self.epoch).size
+        return f"<AlignmentRows, {len(self)} at {epochs} epochs over {self._span:.1f} s>"
+
     def __len__(self) -> int:
         return self.z.size
+
+    @property
+    def _span(self) -> float:
+        return float(np.ptp(self.time)) if len(self) else 0.0
 
     @classmethod
     def paired(
@@ -218,6 +226,9 @@ class AlignmentProblem:
     dof: int
     information: float
     nuisance: FloatArray
+
+    def __repr__(self) -> str:
+        return f"<AlignmentProblem, {self.dof} dof, {len(self.nuisance)} nuisances eliminated>"
 
     def cost(self, C_ew: ArrayLike) -> float:
         """Return f(C_ew), χ²-distributed with `dof` + 3 degrees of freedom at the truth."""

@@ -107,10 +107,10 @@ class AlignmentResult:
 
     def __repr__(self) -> str:
         failed = f"not {', '.join(v.name for v in self.failed)}"
+        bound = f"bound {np.degrees(self.bound):.3g}°" if self.bound < np.pi else "no bound"
         return (
             f"<AlignmentResult {'passed' if self.passed else failed}: {self.status.name}, "
-            f"1σ {np.degrees(self.sigma):.2g}°, bound {np.degrees(self.bound):.2g}°, "
-            f"χ² {self.cost:.4g} at {self.dof} dof>"
+            f"1σ {np.degrees(self.sigma):.3g}°, {bound}, χ² {self.cost:.4g} at {self.dof} dof>"
         )
 
     @property

@@ -84,6 +84,13 @@ class InertialAlignment:
     track: InertialTrack
     imu: ImuSpec
 
+    def __repr__(self) -> str:
+        kept = f"{int(self.inliers.sum())} of {self.inliers.size} rows"
+        return (
+            f"<InertialAlignment over {self.time - self.start:.0f} s, {self.epochs} epochs, "
+            f"{kept}: heading 1σ {np.degrees(self.sigma_heading):.3g}°, {self.result!r}>"
+        )
+
     @property
     def passed(self) -> bool:
         """The overall verdict."""

@@ -67,6 +67,9 @@ class InertialDoppler:
     z: FloatArray
     sigma: FloatArray
 
+    def __repr__(self) -> str:
+        return f"<InertialDoppler of {len(self)} rows at {self.time.size} epochs>"
+
     def __len__(self) -> int:
         return self.z.size
 
@@ -120,6 +123,9 @@ class DopplerEpoch:
     time: float
     pos_e: FloatArray
     rows: DopplerRows
+
+    def __repr__(self) -> str:
+        return f"<DopplerEpoch at {self.time:.2f} s, {len(self.rows)} rows>"
 
 
 def joined(epochs: Sequence[DopplerEpoch]) -> InertialDoppler:
@@ -175,6 +181,9 @@ class InertialRows:
     source: np.ndarray
     sat: np.ndarray
     gravity_dv: FloatArray
+
+    def __repr__(self) -> str:
+        return f"<InertialRows, {len(self.rows)} on {self.track!r}>"
 
     @property
     def nuisance(self) -> FloatArray:

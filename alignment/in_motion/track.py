@@ -54,6 +54,9 @@ class InertialTrack:
     F: FloatArray
     omega_b: FloatArray
 
+    def __repr__(self) -> str:
+        return f"<InertialTrack of {_span(self.time)}, anchor {self.anchor}>"
+
     def __len__(self) -> int:
         return self.time.size
 
@@ -156,6 +159,12 @@ def inertial_track(
     omega = gyro[k] + gyro_slope[k] * (h - 0.5 * width[k])[:, None]
     track = InertialTrack(time, 0, C_here, dv[k] + step, A_here, B_here, F_here, omega)
     return track.part(0, time.size - 1, 0)
+
+
+def _span(time: FloatArray) -> str:
+    if not time.size:
+        return "0 epochs"
+    return f"{time.size} epochs, {time[0]:.1f}…{time[-1]:.1f} s"
 
 
 def _slopes(edges: FloatArray, rate: FloatArray) -> FloatArray:

@@ -78,6 +78,13 @@ class Certificate:
     multipliers: FloatArray
     families: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        return (
+            f"<Certificate {self.status.name}: cost {self.primal_cost:.6g}, "
+            f"relative gap {self.relative_gap:.1e}, λ₁ {self.smallest_eigenvalue:.1e}, "
+            f"λ₂ {self.second_eigenvalue:.2g}>"
+        )
+
     @property
     def smallest_eigenvalue(self) -> float:
         """λ₁ of H; zero to rounding at a proved optimum."""

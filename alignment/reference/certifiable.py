@@ -45,6 +45,9 @@ class CertifiedMinimum:
     dual: DualSolution
     rounded: FloatArray
 
+    def __repr__(self) -> str:
+        return f"<CertifiedMinimum: {self.certificate!r}>"
+
     @property
     def C(self) -> FloatArray:
         """The rotation."""

@@ -71,6 +71,12 @@ class DualSolution:
     iterations: int
     status: str
 
+    def __repr__(self) -> str:
+        return (
+            f"<DualSolution {self.status} after {self.iterations} iterations: dual "
+            f"{self.dual_cost:.6g}, primal {self.primal_cost:.6g}>"
+        )
+
 
 class _Cone(NamedTuple):
     """The constant part of the program: A, P, q of clarabel's form, and the settings."""

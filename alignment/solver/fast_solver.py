@@ -70,6 +70,12 @@ class FastMinimum:
     newton_steps: int
     barrier_steps: int
 
+    def __repr__(self) -> str:
+        return (
+            f"<FastMinimum {self.status.name}: cost {self.cost:.6g}, relative gap {self.gap:.1e}, "
+            f"t {self.best_margin:.2g}>"
+        )
+
     @property
     def gap(self) -> float:
         """(cost − lower_bound)/scale ≥ 0."""
@@ -153,6 +159,11 @@ class LocalMinima:
 
     C: FloatArray
     cost: FloatArray
+
+    def __repr__(self) -> str:
+        costs = ", ".join(f"{cost:.4g}" for cost in self.cost[:4])
+        more = ", …" if len(self.cost) > 4 else ""
+        return f"<LocalMinima, {len(self.cost)} of cost [{costs}{more}]>"
 
 
 def local_minima(Q: ArrayLike, *, starts: int = 24, backend: str | None = None) -> LocalMinima:

@@ -86,6 +86,11 @@ class Minimum:
     steps: int
     converged: bool
 
+    def __repr__(self) -> str:
+        end = "converged" if self.converged else "not converged"
+        slope = float(np.linalg.norm(self.gradient))
+        return f"<Minimum {end} after {self.steps} steps: cost {self.cost:.6g}, |∂f| {slope:.1e}>"
+
 
 def newton(
     Q: ArrayLike, start: ArrayLike, *, factor: ArrayLike | None = None, max_steps: int = 100
