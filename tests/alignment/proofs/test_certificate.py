@@ -61,6 +61,23 @@ def test_stationary_multipliers_move_little(rng):
     assert np.linalg.norm(H @ lift(C)) < 1e-13 * np.linalg.norm(H)
 
 
+def test_eigenvalues_are_those_of_the_lagrangian_at_the_rotation(rng):
+    """The first vanishes at an optimum and is negative elsewhere; the second is its rival."""
+    Q = random_cost(rng)
+    dual, C = solve_dual(Q), certified_minimum(Q).C
+    off = C @ matrix_from_rotvec([0.0, 0.3, 0.0])
+    for R, low in ((C, -1e-12), (off, -np.inf)):
+        proof = certify(Q, R, dual.multipliers, dual.dual_cost)
+        H = lagrangian(Q, cost(Q, R), proof.multipliers)
+        values = np.linalg.eigvalsh(H)
+        assert proof.smallest_eigenvalue == pytest.approx(values[0], abs=1e-12 * proof.scale)
+        assert proof.second_eigenvalue == pytest.approx(values[1], rel=1e-9)
+        assert low * proof.scale < proof.smallest_eigenvalue < proof.second_eigenvalue
+        assert (proof.smallest_eigenvalue < -1e-6) == (R is off)
+        ratio = abs(proof.smallest_eigenvalue / proof.second_eigenvalue)
+        assert proof.eigenvalue_ratio == pytest.approx(min(ratio, 1.0 / ratio), rel=1e-6)
+
+
 def test_other_local_minimum_is_not_certified(rng):
     refused = 0
     for _ in range(30):

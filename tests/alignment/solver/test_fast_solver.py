@@ -10,6 +10,7 @@ from certnav.alignment.problem import build_problem
 from certnav.alignment.proofs.certificate import certify
 from certnav.alignment.reference.certifiable import certified_minimum
 from certnav.alignment.reference.simulation import simulate_window
+from certnav.alignment.solver import fast_numpy
 from certnav.alignment.solver.constraints import ALL, HOMOGENEOUS, constraint_matrices, lift
 from certnav.alignment.solver.fast_solver import BACKENDS, fast_minimum, local_minima
 from certnav.alignment.solver.quartic import (
@@ -123,6 +124,24 @@ class TestQuarticForm:
         ).max(axis=1)
         assert nearest.min() > 1.0 + 2.0 * np.cos(np.radians(61.0))
         np.testing.assert_allclose(np.linalg.det(super_fibonacci(10)), 1.0)
+
+
+def test_what_a_solver_leaves_of_the_slope_is_in_units_of_the_cost(monkeypatch, problems):
+    """A rotation short of the minimum, as if handed over by the solver: honest in every unit."""
+    Q = 1e3 * problems[0]
+    C = fast_minimum(Q).C @ matrix_from_rotvec([0.02, -0.01, 0.03])
+
+    def stopped(scaled):
+        X, slope = fast_numpy.smallest_gram(gram(scaled, C))
+        return C, cost(scaled, C), -1.0, X, slope, 1, 1, 0
+
+    monkeypatch.setattr(fast_numpy, "solve", stopped)
+    found = fast_minimum(Q, backend="numpy")
+    np.testing.assert_allclose(found.slope, gradient(Q, C), rtol=1e-9)
+    np.testing.assert_allclose(found.hessian, hessian(Q, C), rtol=1e-6, atol=1e-6 * found.scale)
+    assert found.cost == pytest.approx(cost(Q, C), rel=1e-12)
+    assert found.status is AlignmentStatus.NOT_TIGHT and found.best_margin < 0.0
+    assert found.lower_bound == pytest.approx(found.cost - found.scale, rel=0.1)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
