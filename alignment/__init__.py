@@ -1,1 +1,94 @@
-"""Alignment of the local (IMU, odometer) frame with the Earth."""
+"""Alignment of the local (IMU, odometer) frame with the Earth: an attitude, and what proves it.
+
+    result = align(AlignmentRows.paired(doppler, time, vel_w), ClockModel("random-walk", 0.1))
+    result.passed, result.C_ew, result.bound, result.message
+
+    problem          rows of Doppler and local velocity, and the quadratic cost they make
+    local_velocity   the vehicle's own velocity, from odometer and gyros
+    priors           a known vertical or heading, as rows of the same problem
+    observability    which windows determine a rotation at all
+    verdict, result  align, and the verdicts that its result carries
+    row_selection,   the same where part of the rows is wrong
+    robust
+    levelling        the conventional start: levelling and course
+    status           what is proved of a rotation, in one word
+
+    solver/          the certified minimum in microseconds, and the bound around it
+    proofs/          certificates, exact proofs, proofs about the choice of rows
+    in_motion/       attitude from IMU and Doppler alone, while moving
+    reference/       what it is compared with
+
+The names below are imported when they are first asked for: importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .levelling import InitialAttitude, VelocityTrack, given_attitude, level_and_course
+    from .local_velocity import LocalTrack, inertial_track, planar_track
+    from .observability import Geometry
+    from .priors import Prior, heading_prior, up_prior, with_priors
+    from .problem import AlignmentProblem, AlignmentRows, ClockModel, build_problem
+    from .result import AlignmentResult, Ask, Verdict
+    from .robust import RobustAlignment, RobustOptions, align_robust
+    from .status import AlignmentStatus
+    from .verdict import VerdictLimits, align, judge
+
+#: Public names by the module that each is imported from when it is first asked for.
+_PUBLIC = {
+    "verdict": ("VerdictLimits", "align", "judge"),
+    "result": ("AlignmentResult", "Ask", "Verdict"),
+    "status": ("AlignmentStatus",),
+    "problem": ("AlignmentProblem", "AlignmentRows", "ClockModel", "build_problem"),
+    "priors": ("Prior", "heading_prior", "up_prior", "with_priors"),
+    "robust": ("RobustAlignment", "RobustOptions", "align_robust"),
+    "local_velocity": ("LocalTrack", "inertial_track", "planar_track"),
+    "levelling": ("InitialAttitude", "VelocityTrack", "given_attitude", "level_and_course"),
+    "observability": ("Geometry",),
+}
+_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
+
+__all__ = [
+    "AlignmentProblem",
+    "AlignmentResult",
+    "AlignmentRows",
+    "AlignmentStatus",
+    "Ask",
+    "ClockModel",
+    "Geometry",
+    "InitialAttitude",
+    "LocalTrack",
+    "Prior",
+    "RobustAlignment",
+    "RobustOptions",
+    "VelocityTrack",
+    "Verdict",
+    "VerdictLimits",
+    "align",
+    "align_robust",
+    "build_problem",
+    "given_attitude",
+    "heading_prior",
+    "inertial_track",
+    "judge",
+    "level_and_course",
+    "planar_track",
+    "up_prior",
+    "with_priors",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -67,6 +67,10 @@ class InitialAttitude:
     method: str
     message: str
 
+    def __repr__(self) -> str:
+        sigma = f"heading 1σ {np.degrees(self.sigma_heading):.3g}°"
+        return f"<InitialAttitude '{self.method}' at {self.time:.2f} s, {sigma}: {self.message}>"
+
 
 @dataclass(frozen=True, eq=False)
 class VelocityTrack:
@@ -88,6 +92,9 @@ class VelocityTrack:
     vel_e: FloatArray
     sigma: FloatArray
     pos_e: FloatArray
+
+    def __repr__(self) -> str:
+        return f"<VelocityTrack, {self.time.size} epochs>"
 
 
 def attitude_covariance_e(C_en: ArrayLike, sigma_level: float, sigma_heading: float) -> FloatArray:

@@ -39,6 +39,10 @@ class LocalTrack:
     vel_w: FloatArray
     source: str
 
+    def __repr__(self) -> str:
+        span = f"{self.time[0]:.1f}…{self.time[-1]:.1f} s"
+        return f"<LocalTrack from {self.source}, {self.time.size} nodes, {span}>"
+
     def velocity_at(self, time: ArrayLike) -> FloatArray:
         """Return the velocity interpolated to `time` [s], shape (m, 3), NaN outside the window."""
         at = np.asarray(time, dtype=float)

@@ -45,6 +45,11 @@ class Geometry(Enum):
     MIRROR = "two rotations, mirror images, have the same cost (rank V = rank N = 2)"
     UNOBSERVABLE = "a continuum of rotations has the same cost (Lemma 1 fails)"
 
+    @property
+    def determined(self) -> bool:
+        """Whether one rotation fits best, by more than noise."""
+        return self in (Geometry.LINEAR, Geometry.GENERIC)
+
 
 @dataclass(frozen=True, eq=False)
 class Observability:
@@ -75,6 +80,10 @@ class Observability:
     threshold_n: float
     axes_v: FloatArray
     axes_n: FloatArray
+
+    def __repr__(self) -> str:
+        ranks = f"ranks {self.rank_v} of V, {self.rank_n} of N, {self.rank_m} of M"
+        return f"<Observability {self.geometry.name}: {ranks}>"
 
     @property
     def lemma_1(self) -> bool:

@@ -40,6 +40,9 @@ class Prior:
     rows: FloatArray
     dof: int
 
+    def __repr__(self) -> str:
+        return f"<Prior '{self.name}', {self.dof} dof>"
+
 
 def up_prior(up_w: ArrayLike, C_en: ArrayLike, sigma: float) -> Prior:
     """Return the prior of a known vertical.
@@ -85,6 +88,8 @@ def heading_prior(direction_w: ArrayLike, heading: float, C_en: ArrayLike, sigma
 def with_priors(problem: AlignmentProblem, priors: Iterable[Prior]) -> AlignmentProblem:
     """Return the problem with the priors' rows added."""
     priors = tuple(priors)
+    if not priors:
+        return problem
     stacked = np.vstack([problem.factor, *(p.rows for p in priors)])
     factor = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=float)
     return replace(

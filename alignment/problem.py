@@ -19,6 +19,7 @@ size against the residuals: 4 cm²/s² of noise for a drift of 1e6 m/s.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy  # scipy.linalg is slow to import: left until it is used
@@ -27,6 +28,9 @@ from numpy.typing import ArrayLike, NDArray
 from ..filters.errors import AlignmentError, ConfigError, DataError
 from ..filters.rotation import FloatArray
 from .solver.constraints import lift
+
+if TYPE_CHECKING:
+    from ..velocity.range_rate import DopplerRows
 
 #: Clock models, from the stiffest to the loosest.
 CLOCK_MODELS = ("constant", "linear", "random-walk", "per-epoch")
@@ -77,8 +81,43 @@ class AlignmentRows:
         _refuse("e_e", np.abs(length - 1.0) > 1e-3, length, "a unit vector")
         _refuse("sigma", self.sigma <= 0.0, self.sigma, "a positive 1σ")
 
+    def __repr__(self) -> str:
+        epochs = np.unique(self.epoch).size
+        return f"<AlignmentRows, {len(self)} at {epochs} epochs over {self._span:.1f} s>"
+
     def __len__(self) -> int:
         return self.z.size
+
+    @property
+    def _span(self) -> float:
+        return float(np.ptp(self.time)) if len(self) else 0.0
+
+    @classmethod
+    def paired(
+        cls,
+        doppler: DopplerRows,
+        time: ArrayLike,
+        vel_w: ArrayLike,
+        *,
+        vel_sigma: float = 0.0,
+    ) -> AlignmentRows:
+        """Return Doppler rows paired with local velocities.
+
+        Parameters
+        ----------
+        doppler : DopplerRows
+            k of them.
+        time : array_like, shape (k,)
+            Their epochs [s].
+        vel_w : array_like, shape (k, 3)
+            Antenna velocity in local axes at these times [m/s].
+        vel_sigma : float
+            1σ per axis of it [m/s], added to that of every row.
+        """
+        time, vel_w = np.asarray(time, dtype=float), np.asarray(vel_w, dtype=float)
+        _, epoch = np.unique(time, return_inverse=True)
+        sigma = np.hypot(doppler.sigma, vel_sigma)
+        return cls(doppler.e_e, vel_w, doppler.z, sigma, epoch, time)
 
     def take(self, rows: slice | NDArray) -> AlignmentRows:
         """Return the given rows (a slice, a mask or indices)."""
@@ -187,6 +226,9 @@ class AlignmentProblem:
     dof: int
     information: float
     nuisance: FloatArray
+
+    def __repr__(self) -> str:
+        return f"<AlignmentProblem, {self.dof} dof, {len(self.nuisance)} nuisances eliminated>"
 
     def cost(self, C_ew: ArrayLike) -> float:
         """Return f(C_ew), χ²-distributed with `dof` + 3 degrees of freedom at the truth."""

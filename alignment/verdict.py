@@ -13,19 +13,22 @@ result that passes all five may start a filter.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
-from ..filters.errors import AlignmentError, ConfigError
-from ..filters.rotation import FloatArray
-from .observability import Geometry, Observability, observability
-from .problem import AlignmentProblem
-from .proofs.certificate import AlignmentStatus
+from ..filters.errors import ConfigError
+from .observability import Observability, observability
+from .priors import Prior, with_priors
+from .problem import AlignmentProblem, AlignmentRows, ClockModel, build_problem
+from .result import AlignmentResult, Ask, Verdict, inflation
 from .solver.attitude_bound import attitude_bound, region_threshold
-from .solver.fast_solver import FastMinimum, LocalMinima, fast_minimum, local_minima
+from .solver.fast_solver import GAP, LocalMinima, fast_minimum, local_minima
 from .solver.refinement import rotation_angle
+from .status import ProvedMinimum
 
 
 @dataclass(frozen=True)
@@ -66,128 +69,64 @@ class VerdictLimits:
                 raise ConfigError(f"verdict limits: {name} = {getattr(self, name)!r} out of range")
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """One question, its answer and the number behind it.
-
-    Attributes
-    ----------
-    name : str
-    passed : bool
-    value, limit : float
-        What was found and what it was compared with.
-    message : str
-        One line; says what is missing where it did not pass.
-    """
-
-    name: str
-    passed: bool
-    value: float
-    limit: float
-    message: str
-
-
-@dataclass(frozen=True, eq=False)
-class AlignmentResult:
-    """The attitude of the local frame, and what may be believed of it.
-
-    Attributes
-    ----------
-    C_ew : ndarray, shape (3, 3)
-        Local axes to ECEF.
-    cov_w : ndarray, shape (3, 3)
-        Covariance of θ, C_true = C_ew·Exp(θ) [rad²], from the Hessian, times χ²/dof where that
-        exceeds one.
-    bound : float
-        Every rotation within the χ² region is within this angle [rad]; π if nothing is proved.
-    optimal, unique, unambiguous, consistent, bounded : Verdict
-    cost : float
-        χ² of the rows at C_ew.
-    dof : int
-        Its degrees of freedom.
-    nuisance : ndarray, shape (m,)
-        Clock drift cδṫ [m/s] first, in the order of the problem's columns.
-    minimum : FastMinimum
-    rivals : LocalMinima
-        Other minima, with their costs, the lowest first.
-    observability : Observability
-    problem : AlignmentProblem
-        What was minimised.
-    """
-
-    C_ew: FloatArray
-    cov_w: FloatArray
-    bound: float
-    optimal: Verdict
-    unique: Verdict
-    unambiguous: Verdict
-    consistent: Verdict
-    bounded: Verdict
-    cost: float
-    dof: int
-    nuisance: FloatArray
-    minimum: FastMinimum
-    rivals: LocalMinima
-    observability: Observability
-    problem: AlignmentProblem
-    extra: tuple[Verdict, ...] = field(default=())
-
-    @property
-    def verdicts(self) -> tuple[Verdict, ...]:
-        """All of them, in the order in which they build on each other."""
-        return (
-            self.optimal, self.unique, self.unambiguous, self.consistent, self.bounded,
-            *self.extra,
-        )  # fmt: skip
-
-    @property
-    def passed(self) -> bool:
-        """The overall verdict: this attitude may start a filter."""
-        return all(verdict.passed for verdict in self.verdicts)
-
-    @property
-    def failed(self) -> tuple[Verdict, ...]:
-        """The verdicts that did not pass."""
-        return tuple(verdict for verdict in self.verdicts if not verdict.passed)
-
-    @property
-    def message(self) -> str:
-        """One line for the log: the attitude's bound, or what it is waiting for."""
-        if self.passed:
-            return f"aligned: {self.bounded.message}, {self.consistent.message}"
-        return "not aligned: " + "; ".join(verdict.message for verdict in self.failed)
-
-    def require(self) -> AlignmentResult:
-        """Return self if it passed.
-
-        Raises
-        ------
-        AlignmentError
-            With the message of the verdicts that did not.
-        """
-        if not self.passed:
-            raise AlignmentError(self.message)
-        return self
-
-
 def align(
+    rows: AlignmentRows,
+    clock: ClockModel | None = None,
+    *,
+    nuisance: ArrayLike | None = None,
+    priors: Iterable[Prior] = (),
+    correlated: float = 1.0,
+    limits: VerdictLimits | None = None,
+    vel_sigma: float = 0.0,
+    backend: str | None = None,
+) -> AlignmentResult:
+    """Find the attitude of the local frame from Doppler rows with local velocities, and judge it.
+
+    Every row is believed; `alignment.robust.align_robust` finds out which may be.
+
+    Parameters
+    ----------
+    rows : AlignmentRows
+        `AlignmentRows.paired` makes them of Doppler and local velocities.
+    clock : ClockModel, optional
+        Default: one drift for the whole window.
+    nuisance : array_like, shape (k, m), optional
+        Further unknowns, as for `alignment.problem.build_problem`.
+    priors : iterable of Prior
+        What else is known of the attitude.
+    correlated : float
+        How many rows say what one independent row would, as for `build_problem`.
+    limits : VerdictLimits, optional
+    vel_sigma : float
+        1σ per axis of the local velocities [m/s], for the observability test.
+    backend : {'numba', 'numpy'}, optional
+        Of the solver.
+
+    Raises
+    ------
+    AlignmentError
+        If there are no rows, or they say nothing about the attitude.
+    """
+    problem = build_problem(rows, clock, nuisance, correlated=correlated)
+    problem = with_priors(problem, priors)
+    return judge(problem, limits=limits, vel_sigma=vel_sigma, backend=backend)
+
+
+def judge(
     problem: AlignmentProblem,
     *,
     limits: VerdictLimits | None = None,
     vel_sigma: float = 0.0,
     backend: str | None = None,
 ) -> AlignmentResult:
-    """Find the attitude of the local frame and judge it.
+    """Solve a problem whose cost is χ² and judge the solution; the second half of `align`.
 
     Parameters
     ----------
     problem : AlignmentProblem
-        Its cost must be χ²: rows weighted with their σ.
-    limits : VerdictLimits, optional
-    vel_sigma : float
-        1σ per axis of the local velocities [m/s], for the observability test.
-    backend : {'numba', 'numpy'}, optional
-        Of the solver.
+        Its rows weighted with their σ.
+    limits, vel_sigma, backend
+        As for `align`.
     """
     limits = limits or VerdictLimits()
     Q = problem.Q
@@ -195,34 +134,37 @@ def align(
     seen = observability(Q, vel_sigma=vel_sigma, information=problem.information)
     rivals = _others(minimum, local_minima(Q, backend=backend))
     cost = problem.cost(minimum.C)
-    # Weights that are too optimistic make the region too small; never too large the other way.
-    inflation = max(1.0, cost / problem.dof) if problem.dof > 0 else 1.0
-    threshold = inflation * region_threshold(limits.probability)
+    # Weights that are too optimistic make the region too small.
+    wider = inflation(cost, problem.dof)
+    threshold = wider * region_threshold(limits.probability)
     bound = attitude_bound(minimum, threshold, backend=backend)
-    return AlignmentResult(
-        minimum.C, inflation * minimum.covariance(), bound,
-        _optimal(minimum), _unique(minimum, seen),
-        _unambiguous(minimum, rivals, inflation * limits.ambiguity),
+    verdicts = (
+        optimal(minimum), unique(minimum, seen),
+        _unambiguous(minimum, rivals, wider * limits.ambiguity),
         _consistent(cost, problem.dof, limits), _bounded(bound, limits.bound, seen),
-        cost, problem.dof, problem.nuisance_at(minimum.C), minimum, rivals, seen, problem,
+    )  # fmt: skip
+    return AlignmentResult(
+        minimum.C, wider * minimum.covariance(), bound, verdicts, cost, problem.dof,
+        problem.nuisance_at(minimum.C), minimum, rivals, seen, problem,
     )  # fmt: skip
 
 
-def _others(minimum: FastMinimum, found: LocalMinima) -> LocalMinima:
+def _others(minimum: ProvedMinimum, found: LocalMinima) -> LocalMinima:
     """Return the minima that are not the one at hand (0.6° counts as the same)."""
     other = rotation_angle(minimum.C, found.C) > 0.01
     return LocalMinima(found.C[other], found.cost[other])
 
 
-def _optimal(minimum: FastMinimum) -> Verdict:
-    passed = minimum.status is not AlignmentStatus.NOT_TIGHT
+def optimal(minimum: ProvedMinimum) -> Verdict:
+    """Return whether the minimum is proved to be the lowest."""
+    passed = minimum.status.optimal
     text = f"optimum {'proved' if passed else 'not proved'}, relative gap {minimum.gap:.1e}"
-    return Verdict("optimal", passed, minimum.gap, 1e-9, text)
+    return Verdict(Ask.OPTIMAL, passed, minimum.gap, GAP, text)
 
 
-def _unique(minimum: FastMinimum, seen: Observability) -> Verdict:
-    t = minimum.margin if minimum.margin <= 0.0 else max(minimum.margin, minimum.uniqueness)
-    determined = seen.geometry not in (Geometry.UNOBSERVABLE, Geometry.MIRROR)
+def unique(minimum: ProvedMinimum, seen: Observability) -> Verdict:
+    """Return whether it is the only one, and the geometry bears that out."""
+    t, determined = minimum.best_margin, seen.geometry.determined
     passed = t > 0.0 and determined
     if passed:
         text = f"the only optimum, t = {t:.2g}"
@@ -233,7 +175,7 @@ def _unique(minimum: FastMinimum, seen: Observability) -> Verdict:
             f"{seen.geometry.value}; velocities span {seen.rank_v}, lines of sight "
             f"{seen.rank_n} dimensions — {_remedy(seen)}"
         )
-    return Verdict("unique", passed, t, 0.0, text)
+    return Verdict(Ask.UNIQUE, passed, t, 0.0, text)
 
 
 def _remedy(seen: Observability) -> str:
@@ -246,25 +188,25 @@ def _remedy(seen: Observability) -> str:
     return "needs a turn, a change of speed or more satellites"
 
 
-def _unambiguous(minimum: FastMinimum, rivals: LocalMinima, limit: float) -> Verdict:
+def _unambiguous(minimum: ProvedMinimum, rivals: LocalMinima, limit: float) -> Verdict:
     excess = rivals.cost - minimum.cost
     near = int(np.sum(excess < limit))
     value = float(excess[0]) if len(excess) else np.inf
     if not near:
         text = f"runner-up at χ² +{value:.3g}" if len(excess) else "no other minimum found"
-        return Verdict("unambiguous", True, value, limit, text)
+        return Verdict(Ask.UNAMBIGUOUS, True, value, limit, text)
     angle = np.degrees(rotation_angle(minimum.C, rivals.C[0]))
     text = (
         f"{near} other minima within χ² +{limit:.0f}, the next at +{max(value, 0.0):.2g}, "
         f"{angle:.0f}° away"
     )
-    return Verdict("unambiguous", False, value, limit, text)
+    return Verdict(Ask.UNAMBIGUOUS, False, value, limit, text)
 
 
 def _consistent(cost: float, dof: int, limits: VerdictLimits) -> Verdict:
     if dof < limits.redundancy:
         text = f"{dof} redundant rows, {limits.redundancy} are needed to notice an error"
-        return Verdict("consistent", False, np.inf, 0.0, text)
+        return Verdict(Ask.CONSISTENT, False, np.inf, 0.0, text)
     limit = float(chi2.ppf(limits.consistency, dof)) / dof
     ratio = cost / dof
     text = f"χ²/dof {ratio:.2f} at {dof}"
@@ -272,12 +214,12 @@ def _consistent(cost: float, dof: int, limits: VerdictLimits) -> Verdict:
         text += (
             f" (limit {limit:.2f}): outliers, a clock less steady than its model, or σ too small"
         )
-    return Verdict("consistent", ratio <= limit, ratio, limit, text)
+    return Verdict(Ask.CONSISTENT, ratio <= limit, ratio, limit, text)
 
 
 def _bounded(bound: float, limit: float, seen: Observability) -> Verdict:
     if bound <= limit:
-        return Verdict("bounded", True, bound, limit, f"attitude within {np.degrees(bound):.2g}°")
+        return Verdict(Ask.BOUNDED, True, bound, limit, f"attitude within {np.degrees(bound):.2g}°")
     text = "no attitude bound" if bound >= np.pi else f"attitude bound {np.degrees(bound):.0f}°"
     text += f" (limit {np.degrees(limit):.0f}°), {_remedy(seen)}"
-    return Verdict("bounded", False, bound, limit, text)
+    return Verdict(Ask.BOUNDED, False, bound, limit, text)

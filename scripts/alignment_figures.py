@@ -25,14 +25,15 @@ from pathlib import Path
 
 import numpy as np
 
-from certnav.alignment.observability import Geometry
 from certnav.alignment.problem import AlignmentProblem, build_problem
-from certnav.alignment.proofs.certificate import PAPER_RATIO, AlignmentStatus, eigenvalue_ratio
+from certnav.alignment.proofs.certificate import PAPER_RATIO, eigenvalue_ratio
 from certnav.alignment.reference.baselines import gauss_newton, voba
-from certnav.alignment.reference.certifiable import SdpAlignment, align_sdp
+from certnav.alignment.reference.certifiable import align_sdp
 from certnav.alignment.reference.simulation import SimulatedWindow, simulate_window
+from certnav.alignment.result import AlignmentResult
 from certnav.alignment.solver.constraints import ALL
 from certnav.alignment.solver.refinement import rotation_angle
+from certnav.alignment.status import AlignmentStatus
 from certnav.filters.errors import AlignmentError, NavError
 from certnav.filters.rotation import FloatArray, matrix_from_rpy
 
@@ -69,13 +70,11 @@ def certified_rates(motion: str, runs: int, seed: int) -> list[dict]:
     return rows
 
 
-def _rates(results: list[SdpAlignment], errors: list[float]) -> dict:
-    ratios = [eigenvalue_ratio(np.linalg.eigvalsh(r.solution.dual.H)) for r in results]
-    proved = [r.certificate.status is AlignmentStatus.CERTIFIED for r in results]
-    determined = [
-        r.observability.geometry in (Geometry.LINEAR, Geometry.GENERIC) for r in results
-    ]  # fmt: skip
-    gaps = [r.certificate.relative_gap for r, ok in zip(results, determined, strict=True) if ok]
+def _rates(results: list[AlignmentResult], errors: list[float]) -> dict:
+    ratios = [eigenvalue_ratio(np.linalg.eigvalsh(r.minimum.dual.H)) for r in results]
+    proved = [r.minimum.status is AlignmentStatus.CERTIFIED for r in results]
+    determined = [r.observability.geometry.determined for r in results]
+    gaps = [r.minimum.gap for r, ok in zip(results, determined, strict=True) if ok]
     good = [e for e, ok in zip(errors, determined, strict=True) if ok]
     return {
         "certified": float(np.mean(np.array(ratios) < PAPER_RATIO)),
@@ -101,7 +100,7 @@ def errors_against_noise(motion: str, runs: int, seed: int) -> list[dict]:
                 window = simulate_window(rng, satellites, motion, sigma=sigma)
                 problem = build_problem(window.rows)
                 result = align_sdp(problem)
-                proved += result.certificate.status is AlignmentStatus.CERTIFIED
+                proved += result.minimum.status is AlignmentStatus.CERTIFIED
                 found = {"sdp": result.C_ew, "gauss-newton": gauss_newton(problem).C_ew}
                 with contextlib.suppress(AlignmentError):  # under four satellites: not solved
                     found["voba"] = voba(window.rows).C_ew
@@ -148,7 +147,7 @@ def basins(runs: int, seed: int) -> tuple[list[dict], dict]:
     }
 
 
-def _basin_window(seed: int, k: int) -> tuple[SimulatedWindow, AlignmentProblem, SdpAlignment]:
+def _basin_window(seed: int, k: int) -> tuple[SimulatedWindow, AlignmentProblem, AlignmentResult]:
     window = simulate_window(np.random.default_rng([seed, k]), 2, MOTION[7], sigma=0.05)
     problem = build_problem(window.rows)
     return window, problem, align_sdp(problem)
@@ -164,7 +163,7 @@ def _sphere(points: int) -> FloatArray:
 def _ends(
     window: SimulatedWindow,
     problem: AlignmentProblem,
-    result: SdpAlignment,
+    result: AlignmentResult,
     starts: FloatArray,
 ) -> list[dict]:
     rows = []

@@ -4,11 +4,10 @@ The rows of `alignment.in_motion.rows` hold exactly for a perfect IMU. A MEMS gy
 off at switch-on tilts gravity by 4° in thirty seconds, 10 m/s of Δv: a hundred times what Doppler
 resolves. The errors are therefore unknowns of the problem (`alignment.in_motion.unknowns`), which
 is linearised at their estimates until nothing moves. The proof is then one for the problem
-linearised at its own solution; where all else passes, each rival minimum is followed to *its* own
-linearisation and must still be worse there.
+linearised at its own solution; `alignment.in_motion.doubts` asks what speaks against it.
 
-Rows that do not fit are rejected one by one. What they say of the tails of the noise widens the
-σ of those kept, so that covariance and bound do not profit from the selection.
+What rows that had to be rejected say of the tails of the noise widens the σ of those kept, so that
+covariance and bound do not profit from the selection.
 """
 
 from __future__ import annotations
@@ -27,11 +26,13 @@ from ...filters.rotation import FloatArray
 from ...filters.sensors import ImuSpec
 from ...filters.strapdown import InertialStream
 from ..levelling import InitialAttitude
-from ..solver.attitude_bound import region_threshold
+from ..result import AlignmentResult, Ask
 from ..solver.refinement import rotation_angle
-from ..verdict import AlignmentResult, Verdict, align
-from .rows import InertialDoppler, InertialTrack, inertial_doppler, inertial_rows, inertial_track
-from .unknowns import InertialOptions, Mask, Solved, Window, settle
+from ..verdict import judge
+from .doubts import Linearised, consensus, reject, rivals, separation
+from .rows import InertialDoppler, inertial_doppler, inertial_rows
+from .track import InertialTrack, inertial_track
+from .unknowns import InertialOptions, Mask, Window, settle
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +42,8 @@ class InertialAlignment:
     Attributes
     ----------
     result : AlignmentResult
-        `C_ew` is C_eb at `time`. Where rows were rejected, 'consensus' is among its verdicts, and
-        where the others passed, 'rivals'.
+        `C_ew` is C_eb at `time`. Where rows were rejected, CONSENSUS is among its verdicts, and
+        where the others passed, RIVALS and then SEPARATION.
     start, time : float
         Begin and end of the window, GPS time [s].
     epochs : int
@@ -82,6 +83,13 @@ class InertialAlignment:
     rounds: int
     track: InertialTrack
     imu: ImuSpec
+
+    def __repr__(self) -> str:
+        kept = f"{int(self.inliers.sum())} of {self.inliers.size} rows"
+        return (
+            f"<InertialAlignment over {self.time - self.start:.0f} s, {self.epochs} epochs, "
+            f"{kept}: heading 1σ {np.degrees(self.sigma_heading):.3g}°, {self.result!r}>"
+        )
 
     @property
     def passed(self) -> bool:
@@ -126,7 +134,7 @@ class InertialAlignment:
             "certified",
             f"certified in motion over {self.time - self.start:.0f} s and {self.epochs} epochs: "
             f"heading ±{np.degrees(self.sigma_heading):.2g}° 1σ, "
-            f"{self.result.bounded.message}{aside}",
+            f"{self.result.verdict(Ask.BOUNDED).message}{aside}",
         )  # fmt: skip
 
     def carried_to(self, k: int, weight: float = 1.0) -> tuple[FloatArray, FloatArray]:
@@ -237,27 +245,29 @@ def align_epochs(
     if len(doppler.time) < 2:
         raise AlignmentError("fewer than two epochs with Doppler and IMU data: keep waiting")
     at = _linearised(stream, doppler, lever_b, options)
-    window: Callable[[FloatArray], Window] = at
+    window: Linearised = at
     start = _prior(options) if gyro_bias is None else np.append(gyro_bias, np.zeros(3))
     solved = settle(window, start, options, None)
     inliers = np.ones(len(solved.window), dtype=bool)
-    result = align(solved.problem, limits=options.limits)
-    if options.robust and not result.consistent.passed and result.dof >= options.limits.redundancy:
-        solved, inliers = _reject(window, solved, options)
+    result = judge(solved.problem, limits=options.limits)
+    consistent = result.verdict(Ask.CONSISTENT).passed
+    if options.robust and not consistent and result.dof >= options.limits.redundancy:
+        solved, inliers = reject(window, solved, options)
         # Rejected rows tell of tails: those that were kept are as wide as all of them together.
         lost = int(np.sum(~inliers))
         tails = (solved.cost + lost * options.cutoff**2) / max(solved.problem.dof + lost, 1)
         if lost and tails > 1.0:
             window = partial(at, widen=float(np.sqrt(tails)))
             solved = settle(window, solved.window.biases, options, None, inliers)
-        result = align(solved.problem, limits=options.limits)
-    extra = [] if inliers.all() else [_consensus(inliers, options)]
-    if result.passed and all(verdict.passed for verdict in extra):
+        result = judge(solved.problem, limits=options.limits)
+    if not inliers.all():
+        result = result.asked_further(consensus(inliers, options))
+    if result.passed:
         # Slow, and of no use to what waits anyway.
-        extra.append(_rivals(window, solved, result, inliers, options))
+        further = [rivals(window, solved, result, inliers, options)]
         if not inliers.all():
-            extra.append(_separation(window, solved, result, inliers, options))
-    result = replace(result, extra=tuple(extra))
+            further.append(separation(window, solved, result, inliers, options))
+        result = result.asked_further(*further)
     rows = solved.window.rows
     vel_e, cov = solved.estimate(result, inliers)
     sats = tuple(map(str, np.unique(rows.sat[~inliers])))
@@ -303,105 +313,3 @@ def _linearised(
         return Window(replace(rows, rows=wider), biases, _prior(options), options)
 
     return at
-
-
-def _reject(
-    window: Callable[[FloatArray], Window], solved: Solved, options: InertialOptions
-) -> tuple[Solved, Mask]:
-    """Reject the worst row of each epoch by turns until all agree (Baarda's data snooping).
-
-    The residual of a row is judged by its own σ after the fit: a row that the fit follows
-    whatever it says has a small residual and a small σ of it.
-    """
-    inliers = np.ones(len(solved.window), dtype=bool)
-    epoch = solved.window.rows.rows.epoch
-    for _ in range(40):
-        k = int(np.sum(inliers))
-        jacobian, residual = solved.joint(inliers)
-        basis = np.asarray(np.linalg.qr(jacobian)[0])[:k]
-        left = np.maximum(1.0 - np.sum(basis * basis, axis=1), 1e-6)
-        score = np.zeros(len(inliers))
-        score[inliers] = np.abs(residual[:k]) / np.sqrt(left)
-        # A row that nothing checks cannot be judged.
-        score[inliers] *= left > 1e-3
-        worst = float(score.max())
-        if worst <= options.cutoff or np.mean(~inliers) > 0.5:
-            break
-        # Only what is nearly as bad as the worst: the others may suffer from it.
-        bad = score > max(options.cutoff, 0.6 * worst)
-        for e in np.unique(epoch[bad]):
-            rows = np.flatnonzero(epoch == e)
-            inliers[rows[np.argmax(score[rows])]] = False
-        solved = settle(window, solved.window.biases, options, None, inliers)
-    return solved, inliers
-
-
-def _consensus(inliers: Mask, options: InertialOptions) -> Verdict:
-    share = float(np.mean(inliers))
-    passed = share >= 1.0 - options.minority
-    text = f"{int(np.sum(inliers))} of {inliers.size} rows agree"
-    if not passed:
-        text += f", {100.0 * (1.0 - options.minority):.0f} % are needed"
-    return Verdict("consensus", passed, share, 1.0 - options.minority, text)
-
-
-def _separation(
-    window: Callable[[FloatArray], Window], solved: Solved, result: AlignmentResult,
-    inliers: Mask, options: InertialOptions,
-) -> Verdict:  # fmt: skip
-    """Leave out each satellite in turn: none may carry the attitude by itself.
-
-    Where rows had to be rejected, others of the same reflections may have stayed. The solution
-    without a satellite differs from that with it by P_without − P_with if the satellite is sound
-    (solution separation, as in receiver integrity monitoring); the largest of these tests counts.
-    """
-    rows = solved.window.rows
-    _, cov = solved.estimate(result, inliers)
-    limit = region_threshold(1.0 - 1e-4)
-    worst, name = 0.0, ""
-    for sat in np.unique(rows.sat[inliers]):
-        others = inliers & (rows.sat != sat)
-        try:
-            without = settle(window, solved.window.biases, options, solved.C_ew, others)
-        except AlignmentError:
-            return Verdict("separation", False, np.inf, limit, f"nothing is left without {sat}")
-        _, wider = without.estimate(result, others)
-        off = without.C_ew @ solved.C_ew.T
-        turn_e = 0.5 * np.array(
-            [off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]]
-        )
-        values, axes = np.linalg.eigh(wider[:3, :3] - cov[:3, :3])
-        # A satellite that adds nothing moves nothing: a hundredth of σ² is the floor.
-        floor = 0.01 * float(np.linalg.eigvalsh(cov[:3, :3])[0])
-        score = float(np.sum((axes.T @ turn_e) ** 2 / np.maximum(values, floor)))
-        if score > worst:
-            worst, name = score, str(sat)
-    passed = worst <= limit
-    text = f"without {name} the attitude moves by χ² {worst:.3g}"
-    return Verdict(
-        "separation", passed, worst, limit, text + ("" if passed else f" (limit {limit:.0f})")
-    )
-
-
-def _rivals(
-    window: Callable[[FloatArray], Window], solved: Solved, result: AlignmentResult,
-    inliers: Mask, options: InertialOptions,
-) -> Verdict:  # fmt: skip
-    """Follow the other minima to their own linearisation; they must still be worse there."""
-    inflation = max(1.0, result.cost / result.dof) if result.dof > 0 else 1.0
-    limit = inflation * options.limits.ambiguity
-    least = np.inf
-    for C, cost in zip(result.rivals.C, result.rivals.cost, strict=True):
-        # Its own biases gain nothing to speak of where the excess is a hundred times the limit.
-        if cost - result.cost > 100.0 * limit or len(result.rivals.cost) > 8:
-            continue
-        other = settle(window, solved.window.biases, options, C, inliers)
-        if rotation_angle(other.C_ew, result.C_ew) > 0.01:
-            least = min(least, other.cost - result.cost)
-    passed = not least < limit
-    text = f"nearest rival with biases of its own at χ² +{least:.3g}"
-    if np.isinf(least):
-        text = "no rival with biases of its own"
-    elif not passed:
-        text += f" (limit {limit:.0f}): needs a turn or a change of speed"
-    return Verdict("rivals", passed, least, limit, text)

@@ -25,10 +25,11 @@ from ...filters.rotation import FloatArray, skew
 from ...filters.sensors import ImuSpec, imu_preset
 from ...velocity.range_rate import DopplerNoise
 from ..problem import AlignmentProblem, ClockModel, design_matrix
+from ..result import AlignmentResult
 from ..solver.constraints import lift
 from ..solver.fast_solver import fast_minimum
 from ..solver.refinement import newton, rotation_angle, tangent_basis
-from ..verdict import AlignmentResult, VerdictLimits
+from ..verdict import VerdictLimits
 from .rows import InertialRows
 
 Mask = NDArray[np.bool_]
@@ -244,8 +245,7 @@ class Solved:
 
     def estimate(self, result: AlignmentResult, inliers: Mask) -> tuple[FloatArray, FloatArray]:
         """Return the velocity, and the covariance widened by what the residuals say."""
-        inflation = max(1.0, result.cost / result.dof) if result.dof > 0 else 1.0
-        return self._unknowns()[:3], inflation * self.covariance(inliers)
+        return self._unknowns()[:3], result.inflation * self.covariance(inliers)
 
 
 def settle(

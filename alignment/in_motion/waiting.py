@@ -20,6 +20,7 @@ from ...filters.rotation import FloatArray
 from ...filters.standstill import is_quiet
 from ...filters.strapdown import InertialStream
 from ...velocity.range_rate import doppler_rows
+from ..result import Ask
 from .align import InertialAlignment, align_epochs, glimpse
 from .rows import DopplerEpoch, joined
 from .unknowns import InertialOptions
@@ -29,6 +30,8 @@ _STILL = 3.0
 #: A first look at a window is right to a factor of two: beyond so many times the limit for the
 #: heading nothing can come of it.
 _HOPELESS = 2.0
+#: What is proved of the optimum alone.
+_ABOUT_THE_OPTIMUM = (Ask.OPTIMAL, Ask.UNIQUE, Ask.UNAMBIGUOUS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,10 +314,9 @@ def _awaited(found: InertialAlignment) -> str:
     Without a bound on the attitude nothing that is proved of its optimum matters yet.
     """
     result = found.result
-    told = [v for v in result.failed if v.name not in ("optimal", "unique", "unambiguous")]
-    if result.bounded.passed:
-        told = list(result.failed)
-    return "not aligned: " + "; ".join(verdict.message for verdict in told)
+    bounded = result.verdict(Ask.BOUNDED).passed
+    told = [v.message for v in result.failed if bounded or v.name not in _ABOUT_THE_OPTIMUM]
+    return "not aligned: " + "; ".join(told)
 
 
 def _is_still(epoch: DopplerEpoch) -> bool:

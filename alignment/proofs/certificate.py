@@ -18,15 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...filters.rotation import FloatArray
-from ..reference.sdp import DualSolution, cost_scale, lagrangian
-from ..solver.constraints import ALL, constraint_matrices, lift
-from ..solver.refinement import cost
+from ..solver.constraints import ALL, constraint_matrices, lagrangian, lift
+from ..solver.refinement import cost, cost_scale
+from ..status import AlignmentStatus
 
 #: Largest gap, relative to tr Q, that counts as closed.
 GAP_TOLERANCE = 1e-9
@@ -36,16 +35,6 @@ KKT_TOLERANCE = 1e-9
 ZERO_EIGENVALUE = 1e-10
 #: The paper's threshold on the ratio of the two smallest eigenvalues.
 PAPER_RATIO = 1e-6
-
-
-class AlignmentStatus(Enum):
-    """What has been proved about a rotation; only the first starts a filter."""
-
-    CERTIFIED = "the global optimum, and the only one"
-    AMBIGUOUS = "a global optimum, but other rotations reach the same cost"
-    UNOBSERVABLE = "nothing: the window does not determine the rotation, whatever the cost says"
-    NOT_TIGHT = "nothing: the relaxation leaves a gap below this rotation's cost"
-    NUMERICAL = "nothing: the rotation is not a stationary point to working precision"
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +78,13 @@ class Certificate:
     multipliers: FloatArray
     families: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        return (
+            f"<Certificate {self.status.name}: cost {self.primal_cost:.6g}, "
+            f"relative gap {self.relative_gap:.1e}, λ₁ {self.smallest_eigenvalue:.1e}, "
+            f"λ₂ {self.second_eigenvalue:.2g}>"
+        )
+
     @property
     def smallest_eigenvalue(self) -> float:
         """λ₁ of H; zero to rounding at a proved optimum."""
@@ -126,8 +122,14 @@ def stationary_multipliers(
     return multipliers - np.linalg.lstsq(forms.T, residual, rcond=1e-12)[0]
 
 
-def certify(Q: ArrayLike, C: ArrayLike, dual: DualSolution) -> Certificate:
-    """Return what the dual solution proves about the rotation C.
+def certify(
+    Q: ArrayLike,
+    C: ArrayLike,
+    multipliers: ArrayLike,
+    dual_cost: float,
+    families: Collection[str] = ALL,
+) -> Certificate:
+    """Return what multipliers prove about the rotation C.
 
     Parameters
     ----------
@@ -135,18 +137,23 @@ def certify(Q: ArrayLike, C: ArrayLike, dual: DualSolution) -> Certificate:
         Symmetric.
     C : array_like, shape (3, 3)
         Any rotation, however found.
-    dual : DualSolution
-        Multipliers to start from; those moved to stationarity decide about uniqueness, the
-        better of both about the bound.
+    multipliers : array_like, shape (m,)
+        To start from; moved to stationarity they decide about uniqueness, the better of both
+        about the bound.
+    dual_cost : float
+        γ that goes with them.
+    families : collection of str
+        Constraints that they belong to, see `constraint_matrices`.
     """
     Q = np.asarray(Q, dtype=float)
     scale, value = cost_scale(Q), cost(Q, C)
-    multipliers = stationary_multipliers(Q, C, dual.multipliers, dual.families)
-    H = lagrangian(Q, value, multipliers, dual.families)
+    moved = stationary_multipliers(Q, C, multipliers, families)
+    H = lagrangian(Q, value, moved, families)
     eigenvalues = np.asarray(np.linalg.eigvalsh(H), dtype=float)
-    solver_H = lagrangian(Q, dual.dual_cost, dual.multipliers, dual.families)
-    of_solver = np.asarray(np.linalg.eigvalsh(solver_H), dtype=float)
-    bound = max(_bound(value, eigenvalues), _bound(dual.dual_cost, of_solver))
+    as_given = np.asarray(
+        np.linalg.eigvalsh(lagrangian(Q, dual_cost, multipliers, families)), dtype=float
+    )
+    bound = max(_bound(value, eigenvalues), _bound(dual_cost, as_given))
     kkt = float(np.linalg.norm(H @ lift(C))) / scale
     gap = max(value - bound, 0.0) / scale
     corank = int(np.sum(eigenvalues < ZERO_EIGENVALUE * scale))
@@ -156,8 +163,8 @@ def certify(Q: ArrayLike, C: ArrayLike, dual: DualSolution) -> Certificate:
         stationary = kkt <= KKT_TOLERANCE
         status = AlignmentStatus.NOT_TIGHT if stationary else AlignmentStatus.NUMERICAL
     return Certificate(
-        status, value, bound, dual.dual_cost, gap, kkt, eigenvalues, corank, scale,
-        multipliers, dual.families,
+        status, value, bound, dual_cost, gap, kkt, eigenvalues, corank, scale, moved,
+        tuple(families),
     )  # fmt: skip
 
 

@@ -61,6 +61,13 @@ class ConsensusProof:
     cells: int
     rival: FloatArray | None
 
+    def __repr__(self) -> str:
+        said = "proved" if self.proved else "not proved" if self.rival is None else "disproved"
+        return (
+            f"<ConsensusProof {said}: none with {self.required:.4g} beyond "
+            f"{np.degrees(self.radius):.3g}°, {self.cells} cells>"
+        )
+
 
 def row_weights(rows: AlignmentRows, cutoff: float) -> FloatArray:
     """Return the share of all directions in which each row would be an outlier, shape (k,)."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from ..solver.fast_solver import FastMinimum
+from ..status import ProvedMinimum
 from .proof import UPPER, Proof, check, cost_of
 
 #: δ relative to the scale of Q, tried in this order.
@@ -25,14 +25,14 @@ _DIAGONAL = (0, 3, 5)
 _UNIT = 2**40
 
 
-def exact_proof(Q: ArrayLike, minimum: FastMinimum, label: str = "") -> Proof | None:
+def exact_proof(Q: ArrayLike, minimum: ProvedMinimum, label: str = "") -> Proof | None:
     """Return a proof that passes the exact check, or None if there is none.
 
     Parameters
     ----------
     Q : array_like, shape (10, 10)
         The matrix that was minimised.
-    minimum : FastMinimum
+    minimum : ProvedMinimum
     label : str
         What to call it.
     """

@@ -60,6 +60,10 @@ class Proof:
     quaternion: tuple[int, ...]
     cost: Fraction
 
+    def __repr__(self) -> str:
+        bound, cost = float(self.bound), float(self.cost)
+        return f"<Proof '{self.label}': no rotation below {bound:.9g}, this one at {cost:.9g}>"
+
     def as_dict(self) -> dict[str, Any]:
         """Return it as it is written: fractions as text."""
         return {

@@ -38,6 +38,9 @@ class BaselineRotation:
     converged: bool
     used: int
 
+    def __repr__(self) -> str:
+        return f"<BaselineRotation {'' if self.converged else 'not '}converged, {self.used} used>"
+
 
 def voba(rows: AlignmentRows) -> BaselineRotation:
     """Align the velocities of single epochs: min Σ |v_e − C_ew v_w|².

@@ -1,4 +1,4 @@
-"""Certifiable alignment: relax, solve, round, refine, prove.
+"""Certifiable alignment as published: relax, solve, round, refine, prove.
 
 The semidefinite relaxation finds the basin, Newton's method the bottom of it, and the
 certificate is made anew at the refined rotation from multipliers moved along with it.
@@ -13,22 +13,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...filters.rotation import FloatArray
-from ..observability import Geometry, Observability, observability
+from ..observability import observability
 from ..problem import AlignmentProblem
-from ..proofs.certificate import AlignmentStatus, Certificate, certify
-from ..solver.constraints import ALL
+from ..proofs.certificate import Certificate, certify
+from ..result import AlignmentResult
+from ..solver.constraints import ALL, lagrangian, multipliers_between
+from ..solver.fast_solver import LocalMinima
 from ..solver.refinement import Minimum, newton
+from ..status import AlignmentStatus
+from ..verdict import optimal, unique
 from .sdp import DualSolution, rotations_from_moments, solve_dual
 
 
 @dataclass(frozen=True, eq=False)
 class CertifiedMinimum:
-    """A rotation with the proof of what it is.
+    """A rotation with the proof of what it is; a `ProvedMinimum`.
 
     Attributes
     ----------
-    minimum : Minimum
-        Refined rotation, cost, gradient and Hessian.
+    refined : Minimum
+        Rotation, cost, gradient and Hessian after Newton's method.
     certificate : Certificate
     dual : DualSolution
         The relaxation's solution.
@@ -36,45 +40,58 @@ class CertifiedMinimum:
         Rotation nearest to the rank-one part of the moment matrix, before refinement.
     """
 
-    minimum: Minimum
+    refined: Minimum
     certificate: Certificate
     dual: DualSolution
     rounded: FloatArray
 
-
-@dataclass(frozen=True, eq=False)
-class SdpAlignment:
-    """The attitude of the local frame, and what is known about it.
-
-    Attributes
-    ----------
-    status : AlignmentStatus
-        What certificate and observability say together.
-    C_ew : ndarray, shape (3, 3)
-        Local axes to ECEF.
-    cost : float
-        χ² of the window.
-    dof : int
-        Its degrees of freedom; cost/dof far from one says that clock model or σ are wrong,
-        which no certificate does.
-    nuisance : ndarray, shape (m,)
-        Clock drift cδṫ [m/s] first, in the order of the problem's columns.
-    observability : Observability
-    solution : CertifiedMinimum
-    """
-
-    status: AlignmentStatus
-    C_ew: FloatArray
-    cost: float
-    dof: int
-    nuisance: FloatArray
-    observability: Observability
-    solution: CertifiedMinimum
+    def __repr__(self) -> str:
+        return f"<CertifiedMinimum: {self.certificate!r}>"
 
     @property
-    def certificate(self) -> Certificate:
-        """The proof of optimality."""
-        return self.solution.certificate
+    def C(self) -> FloatArray:
+        """The rotation."""
+        return self.refined.C
+
+    @property
+    def cost(self) -> float:
+        """f(C)."""
+        return self.refined.cost
+
+    @property
+    def scale(self) -> float:
+        """Of Q: its trace if semidefinite."""
+        return self.certificate.scale
+
+    @property
+    def gap(self) -> float:
+        """(cost − proved lower bound)/scale ≥ 0."""
+        return self.certificate.relative_gap
+
+    @property
+    def best_margin(self) -> float:
+        """4λ₂ of the Lagrangian (`alignment.proofs.certificate`), 0 where more than λ₁ is zero."""
+        return 4.0 * self.certificate.second_eigenvalue if self.certificate.corank == 1 else 0.0
+
+    @property
+    def status(self) -> AlignmentStatus:
+        """What follows from Q alone."""
+        return self.certificate.status
+
+    def covariance(self) -> FloatArray:
+        """Return the covariance of θ, C_true = C·Exp(θ) [rad²], w axes, if f is χ².
+
+        The Hessian is then twice the information. Infinite where f is flat.
+        """
+        values, axes = np.linalg.eigh(0.5 * self.refined.hessian)
+        with np.errstate(divide="ignore"):
+            return (axes / np.maximum(values, 0.0)) @ axes.T
+
+    def multipliers(self, Q: ArrayLike) -> FloatArray:
+        """Return the λₖ of all twenty constraints that make the same Lagrangian."""
+        proof = self.certificate
+        H = lagrangian(Q, proof.primal_cost, proof.multipliers, proof.families)
+        return multipliers_between(Q, H)
 
 
 def certified_minimum(
@@ -93,22 +110,25 @@ def certified_minimum(
     """
     dual = solve_dual(Q, families)
     starts = rotations_from_moments(dual.Z)
-    minimum = newton(Q, starts[0], factor=factor)
-    certificate = certify(Q, minimum.C, dual)
-    for start in starts[1:]:
-        if certificate.status is AlignmentStatus.CERTIFIED:
+    best: tuple[Minimum, Certificate] | None = None
+    for start in starts:
+        refined = newton(Q, start, factor=factor)
+        proof = certify(Q, refined.C, dual.multipliers, dual.dual_cost, dual.families)
+        if best is None or proof.relative_gap < best[1].relative_gap:
+            best = refined, proof
+        if best[1].status is AlignmentStatus.CERTIFIED:
             break
-        other = newton(Q, start, factor=factor)
-        again = certify(Q, other.C, dual)
-        if again.relative_gap < certificate.relative_gap:
-            minimum, certificate = other, again
-    return CertifiedMinimum(minimum, certificate, dual, starts[0])
+    assert best is not None
+    return CertifiedMinimum(*best, dual, starts[0])
 
 
 def align_sdp(
     problem: AlignmentProblem, *, families: Collection[str] = ALL, vel_sigma: float = 0.0
-) -> SdpAlignment:
-    """Align by the semidefinite relaxation.
+) -> AlignmentResult:
+    """Align by the semidefinite relaxation, and ask what the paper asks: optimal, and unique?
+
+    Neither rivals under noise nor a bound nor χ² are looked at: `bound` is π, `rivals` are none,
+    and the covariance is as the weights have it. `minimum` is the `CertifiedMinimum`.
 
     Parameters
     ----------
@@ -118,39 +138,10 @@ def align_sdp(
     vel_sigma : float
         1σ per axis of the local velocities [m/s], for the observability test.
     """
-    solution = certified_minimum(problem.Q, factor=problem.factor, families=families)
+    minimum = certified_minimum(problem.Q, factor=problem.factor, families=families)
     seen = observability(problem.Q, vel_sigma=vel_sigma, information=problem.information)
-    C_ew = solution.minimum.C
-    return SdpAlignment(
-        _status(solution.certificate.status, seen.geometry),
-        C_ew,
-        solution.minimum.cost,
-        problem.dof,
-        problem.nuisance_at(C_ew),
-        seen,
-        solution,
-    )
-
-
-def _status(proved: AlignmentStatus, geometry: Geometry) -> AlignmentStatus:
-    """Return the weaker of the two: unique in exact arithmetic may be ambiguous under noise."""
-    if geometry is Geometry.UNOBSERVABLE:
-        return AlignmentStatus.UNOBSERVABLE
-    if geometry is Geometry.MIRROR and proved is AlignmentStatus.CERTIFIED:
-        return AlignmentStatus.AMBIGUOUS
-    return proved
-
-
-def attitude_covariance(minimum: Minimum) -> FloatArray:
-    """Return the covariance of the right-hand error θ, C_true = C Exp(θ) [rad²], w axes.
-
-    The cost is χ², so that its Hessian is twice the information. Infinite where f is flat.
-
-    Parameters
-    ----------
-    minimum : Minimum
-        Of a problem whose rows are weighted with their true σ.
-    """
-    values, axes = np.linalg.eigh(0.5 * minimum.hessian)
-    with np.errstate(divide="ignore"):
-        return (axes / np.maximum(values, 0.0)) @ axes.T
+    return AlignmentResult(
+        minimum.C, minimum.covariance(), np.pi, (optimal(minimum), unique(minimum, seen)),
+        minimum.cost, problem.dof, problem.nuisance_at(minimum.C), minimum,
+        LocalMinima(np.empty((0, 3, 3)), np.empty(0)), seen, problem,
+    )  # fmt: skip

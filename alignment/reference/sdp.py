@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray, orthonormalise
 from ..solver.constraints import ALL, HOMOGENEOUS, constraint_matrices
+from ..solver.refinement import cost_scale
 
 #: Trace that Q is scaled to, and gap and feasibility tolerances at that scale.
 SCALED_TRACE = 1e3
@@ -45,7 +46,7 @@ class DualSolution:
     Attributes
     ----------
     dual_cost : float
-        γ; a lower bound only as far as `lagrangian` at these multipliers is semidefinite.
+        γ; a lower bound only as far as the Lagrangian at these multipliers is semidefinite.
     primal_cost : float
         tr(QZ).
     multipliers : ndarray, shape (m,)
@@ -53,7 +54,7 @@ class DualSolution:
     families : tuple of str
     H : ndarray, shape (10, 10)
         Q − γJ + Σ λₖAₖ as the solver holds it, its slack: inside the cone, and equal to
-        `lagrangian` up to the feasibility tolerance.
+        `alignment.solver.constraints.lagrangian` up to the feasibility tolerance.
     Z : ndarray, shape (10, 10)
         Moment matrix, Z[9, 9] ≈ 1.
     iterations : int
@@ -69,6 +70,12 @@ class DualSolution:
     Z: FloatArray
     iterations: int
     status: str
+
+    def __repr__(self) -> str:
+        return (
+            f"<DualSolution {self.status} after {self.iterations} iterations: dual "
+            f"{self.dual_cost:.6g}, primal {self.primal_cost:.6g}>"
+        )
 
 
 class _Cone(NamedTuple):
@@ -150,19 +157,6 @@ def solve_dual(
         x[0] * scale, float(np.sum(Q * Z)), x[1:] * scale, key, scale * _smat(solution.s), Z,
         int(solution.iterations), str(solution.status),
     )  # fmt: skip
-
-
-def cost_scale(Q: ArrayLike) -> float:
-    """Return Σ|eigenvalues| of Q, its trace if semidefinite: what costs are small against."""
-    return max(float(np.abs(np.linalg.eigvalsh(np.asarray(Q, dtype=float))).sum()), 1e-300)
-
-
-def lagrangian(
-    Q: ArrayLike, dual_cost: float, multipliers: ArrayLike, families: Collection[str]
-) -> FloatArray:
-    """Return H = Q − γJ + Σ λₖAₖ, shape (10, 10)."""
-    weighted = np.tensordot(np.asarray(multipliers), constraint_matrices(families), axes=1)
-    return np.asarray(Q, dtype=float) - dual_cost * HOMOGENEOUS + weighted
 
 
 def rotations_from_moments(Z: ArrayLike) -> FloatArray:

@@ -48,6 +48,9 @@ class SimulatedWindow:
     up_e: FloatArray
     clock_drift: FloatArray
 
+    def __repr__(self) -> str:
+        return f"<SimulatedWindow: {self.rows!r}>"
+
 
 def simulate_window(
     rng: np.random.Generator,

@@ -110,3 +110,18 @@ def constraint_matrices(families: Collection[str] = ALL) -> FloatArray:
     if "handedness" in families:
         parts.append(HANDEDNESS)
     return np.concatenate(parts)
+
+
+def lagrangian(
+    Q: ArrayLike, dual_cost: float, multipliers: ArrayLike, families: Collection[str] = ALL
+) -> FloatArray:
+    """Return H = Q − γJ + Σ λₖAₖ, shape (10, 10)."""
+    weighted = np.tensordot(np.asarray(multipliers), constraint_matrices(families), axes=1)
+    return np.asarray(Q, dtype=float) - dual_cost * HOMOGENEOUS + weighted
+
+
+def multipliers_between(Q: ArrayLike, H: ArrayLike) -> FloatArray:
+    """Return the λ of all twenty forms with `lagrangian` equal to H for some γ."""
+    difference = np.asarray(H, dtype=float) - np.asarray(Q, dtype=float)
+    forms = np.concatenate([constraint_matrices(ALL), [HOMOGENEOUS]]).reshape(-1, 100)
+    return np.linalg.lstsq(forms.T, difference.ravel(), rcond=None)[0][:-1]

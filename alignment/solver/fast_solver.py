@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike
 
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
-from ..proofs.certificate import AlignmentStatus
+from ..status import AlignmentStatus
 from . import fast_numpy
-from .constraints import ALL, HOMOGENEOUS, constraint_matrices
+from .constraints import multipliers_between
 from .quartic import lagrangian_of
 
 #: Gap, relative to the scale of Q, that counts as closed; rounding of a Gram matrix, likewise.
@@ -45,7 +45,7 @@ class FastMinimum:
         Proved: no rotation costs less. Rounding is allowed for.
     margin : float
         t: proved, f(R) − f(C) ≥ t (1 − cos⁴(θ/2)) up to the gap, θ the angle between R and C.
-        Found on the way, not the largest; see `uniqueness`.
+        Found on the way, not the largest; see `best_margin`.
     gram : ndarray, shape (9, 9)
         The Gram matrix that proves it; its leading 3×3 block is the Hessian.
     slope : ndarray, shape (3,)
@@ -70,6 +70,12 @@ class FastMinimum:
     newton_steps: int
     barrier_steps: int
 
+    def __repr__(self) -> str:
+        return (
+            f"<FastMinimum {self.status.name}: cost {self.cost:.6g}, relative gap {self.gap:.1e}, "
+            f"t {self.best_margin:.2g}>"
+        )
+
     @property
     def gap(self) -> float:
         """(cost − lower_bound)/scale ≥ 0."""
@@ -84,6 +90,11 @@ class FastMinimum:
     def uniqueness(self) -> float:
         """The t that the Gram matrix at hand proves: its smallest eigenvalue, rounded down."""
         return float(np.linalg.eigvalsh(self.gram)[0]) - ROUNDING * self.scale
+
+    @property
+    def best_margin(self) -> float:
+        """The largest t at hand; not positive: other rotations may cost as little."""
+        return self.margin if self.margin <= 0.0 else max(self.margin, self.uniqueness)
 
     def covariance(self) -> FloatArray:
         """Return the covariance of θ, C_true = C·Exp(θ) [rad²], w axes, if f is χ².
@@ -101,9 +112,7 @@ class FastMinimum:
         Q : array_like, shape (10, 10)
             The matrix that was minimised.
         """
-        difference = lagrangian_of(self.gram, self.C) - np.asarray(Q, dtype=float)
-        forms = np.concatenate([constraint_matrices(ALL), [HOMOGENEOUS]]).reshape(-1, 100)
-        return np.linalg.lstsq(forms.T, difference.ravel(), rcond=None)[0][:-1]
+        return multipliers_between(Q, lagrangian_of(self.gram, self.C))
 
 
 def fast_minimum(Q: ArrayLike, *, backend: str | None = None) -> FastMinimum:
@@ -150,6 +159,11 @@ class LocalMinima:
 
     C: FloatArray
     cost: FloatArray
+
+    def __repr__(self) -> str:
+        costs = ", ".join(f"{cost:.4g}" for cost in self.cost[:4])
+        more = ", …" if len(self.cost) > 4 else ""
+        return f"<LocalMinima, {len(self.cost)} of cost [{costs}{more}]>"
 
 
 def local_minima(Q: ArrayLike, *, starts: int = 24, backend: str | None = None) -> LocalMinima:

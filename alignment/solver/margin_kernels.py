@@ -5,7 +5,7 @@ X + Σ μₖNₖ ⪰ t·I over the fourteen μ, first by trying, then by a barri
 `alignment.solver.quartic`.
 
 The tables of `alignment.solver.quartic` are compiled in as constants, and numba's cache looks at
-the file of a kernel only: whoever changes them must touch this one, and `_kernels` with it.
+the file of a kernel only: whoever changes them must touch this one, and `kernels` with it.
 """
 
 from __future__ import annotations

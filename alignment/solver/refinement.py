@@ -39,6 +39,11 @@ def cost(Q: ArrayLike, C: ArrayLike) -> float:
     return float(x @ np.asarray(Q, dtype=float) @ x)
 
 
+def cost_scale(Q: ArrayLike) -> float:
+    """Return Σ|eigenvalues| of Q, its trace if semidefinite: what costs are small against."""
+    return max(float(np.abs(np.linalg.eigvalsh(np.asarray(Q, dtype=float))).sum()), 1e-300)
+
+
 def gradient(Q: ArrayLike, C: ArrayLike) -> FloatArray:
     """Return ∂f(C·Exp(θ))/∂θ at θ = 0, shape (3,)."""
     return 2.0 * tangent_basis(C).T @ (np.asarray(Q, dtype=float) @ lift(C))[:9]
@@ -81,6 +86,11 @@ class Minimum:
     steps: int
     converged: bool
 
+    def __repr__(self) -> str:
+        end = "converged" if self.converged else "not converged"
+        slope = float(np.linalg.norm(self.gradient))
+        return f"<Minimum {end} after {self.steps} steps: cost {self.cost:.6g}, |∂f| {slope:.1e}>"
+
 
 def newton(
     Q: ArrayLike, start: ArrayLike, *, factor: ArrayLike | None = None, max_steps: int = 100
@@ -112,7 +122,7 @@ def newton(
         residuals = F @ x
         return float(residuals @ residuals), (F.T @ residuals)[:9]
 
-    scale = max(float(np.abs(np.linalg.eigvalsh(Q)).sum()), 1e-300)
+    scale = cost_scale(Q)
     C = orthonormalise(start)
     value, pull = value_and_pull(C)
     steps, previous, converged = 0, np.inf, False

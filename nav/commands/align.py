@@ -11,7 +11,7 @@ import numpy as np
 
 from ...alignment.proofs.exact import exact_proof
 from ...alignment.proofs.proof import write
-from ...alignment.verdict import Verdict
+from ...alignment.result import Ask, Verdict
 from ...datasets.load import load
 from ...filters.errors import AlignmentError, ConfigError
 from ..results.summary import strict
@@ -20,6 +20,10 @@ from ..windows.recording import WindowOptions, WindowResult, align_recording, su
 
 # Okabe–Ito.
 _BLUE, _ORANGE, _GREY = "#0072B2", "#D55E00", "#999999"
+#: Verdicts that have a letter, in the table's order.
+_COLUMNS = (
+    Ask.OPTIMAL, Ask.UNIQUE, Ask.UNAMBIGUOUS, Ask.BOUNDED, Ask.CONSISTENT, Ask.CONSENSUS,
+)  # fmt: skip
 
 
 def align(arguments: argparse.Namespace) -> None:
@@ -159,8 +163,7 @@ def table(
 
 def _marks(verdicts: tuple[Verdict, ...]) -> str:
     passed = {verdict.name: verdict.passed for verdict in verdicts}
-    names = ("optimal", "unique", "unambiguous", "bounded", "consistent", "consensus")
-    return "".join("·" if name not in passed else "-+"[passed[name]] for name in names)
+    return "".join("·" if name not in passed else "-+"[passed[name]] for name in _COLUMNS)
 
 
 def _cell(value: float, width: int, digits: int) -> str:

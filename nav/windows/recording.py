@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...alignment.local_velocity import LocalTrack, inertial_track, planar_track
-from ...alignment.priors import Prior, up_prior, with_priors
+from ...alignment.priors import Prior, up_prior
 from ...alignment.problem import AlignmentRows, ClockModel, build_problem
 from ...alignment.reference.baselines import gauss_newton, voba
-from ...alignment.reference.certifiable import align_sdp, attitude_covariance
+from ...alignment.reference.certifiable import align_sdp
+from ...alignment.result import AlignmentResult, Verdict
 from ...alignment.robust import align_robust
-from ...alignment.verdict import AlignmentResult, Verdict, align
+from ...alignment.verdict import align
 from ...datasets.sequence import GnssObservations, Sequence
 from ...filters.earth import C_en_of
 from ...filters.errors import AlignmentError, ConfigError
@@ -284,15 +285,7 @@ def alignment_rows(
     """Pair the Doppler of a window with the local velocity at the same instants."""
     doppler = doppler_rows(observations, pos_e, noise.doppler)
     time = observations.time[doppler.row]
-    _, epoch = np.unique(time, return_inverse=True)
-    return AlignmentRows(
-        doppler.e_e,
-        track.velocity_at(time),
-        doppler.z,
-        np.hypot(doppler.sigma, sigma_local),
-        epoch,
-        time,
-    )
+    return AlignmentRows.paired(doppler, time, track.velocity_at(time), vel_sigma=sigma_local)
 
 
 class _Solved(NamedTuple):
@@ -313,12 +306,12 @@ def _solve(
     if options.method == "voba":
         return _Solved("BASELINE", voba(rows).C_ew)
     clock, correlated = _clock(options, noise), noise.correlated
+    priors = _priors(options, C_en)
     if options.method == "robust":
-        priors = _priors(options, C_en)
         return _judged(align_robust(rows, clock, correlated=correlated, priors=priors).result)
-    problem = build_problem(rows, clock, correlated=correlated)
     if options.method == "certified":
-        return _judged(align(with_priors(problem, _priors(options, C_en))))
+        return _judged(align(rows, clock, correlated=correlated, priors=priors))
+    problem = build_problem(rows, clock, correlated=correlated)
     if options.method == "gauss-newton":
         found = gauss_newton(problem)
         chi2 = problem.cost(found.C_ew) / problem.dof if problem.dof > 0 else float("nan")
@@ -327,7 +320,7 @@ def _solve(
     result = align_sdp(problem)
     chi2 = result.cost / result.dof if result.dof > 0 else float("nan")
     # θ is in w axes; its down component there is the heading's error on level ground.
-    sigma = float(np.sqrt(attitude_covariance(result.solution.minimum)[2, 2]))
+    sigma = float(np.sqrt(result.cov_w[2, 2]))
     return _Solved(result.status.name, result.C_ew, sigma, chi2)
 
 

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from certnav.alignment.problem import AlignmentRows, build_problem
-from certnav.alignment.proofs.certificate import AlignmentStatus
 from certnav.alignment.reference.certifiable import align_sdp
 from certnav.alignment.solver.refinement import rotation_angle
+from certnav.alignment.status import AlignmentStatus
 from certnav.datasets.sequence import GnssObservations
 from certnav.filters.earth import SPEED_OF_LIGHT, C_en_of, lla_to_ecef
 from certnav.velocity.range_rate import doppler_rows, predicted_range_rate
@@ -49,11 +49,8 @@ def rows_and_truth(rng):
     )  # fmt: skip
     doppler = doppler_rows(observations, ANTENNA)
     C_ew = Rotation.random(rng=rng).as_matrix()
-    rows = AlignmentRows(
-        doppler.e_e, (vel_e @ C_ew)[epoch[doppler.row]], doppler.z, doppler.sigma,
-        epoch[doppler.row], observations.time[doppler.row],
-    )  # fmt: skip
-    return rows, C_ew
+    time = observations.time[doppler.row]
+    return AlignmentRows.paired(doppler, time, (vel_e @ C_ew)[epoch[doppler.row]]), C_ew
 
 
 def test_exact_range_rates_give_the_exact_rotation_and_clock(rows_and_truth):

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from certnav.alignment.problem import ClockModel, build_problem
-from certnav.alignment.proofs.certificate import AlignmentStatus
 from certnav.alignment.reference.simulation import simulate_window
 from certnav.alignment.solver.fast_solver import fast_minimum
+from certnav.alignment.status import AlignmentStatus
 from certnav.velocity.least_squares import doppler_velocity
 from certnav.velocity.range_rate import DopplerRows
 

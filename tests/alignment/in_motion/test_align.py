@@ -100,6 +100,8 @@ def test_noisy_window_is_within_its_bound_and_its_covariance(noisy):
     assert attitude.time == found.time
     assert attitude.sigma_heading == pytest.approx(found.sigma_heading)
     assert "certified in motion over 40 s" in attitude.message
+    for shown in (repr(found), repr(found.track), repr(attitude)):
+        assert len(shown) < 300 and "\n" not in shown
 
 
 def test_covariance_by_nees_over_a_hundred_windows(exact):

@@ -10,12 +10,11 @@ import pytest
 
 from certnav.alignment.in_motion.rows import (
     DopplerEpoch,
-    InertialTrack,
     inertial_doppler,
     inertial_rows,
-    inertial_track,
     joined,
 )
+from certnav.alignment.in_motion.track import InertialTrack, inertial_track
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.earth import gravity_e, lla_to_ecef
 from certnav.filters.errors import AlignmentError, DataError

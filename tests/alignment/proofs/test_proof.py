@@ -115,6 +115,25 @@ def test_tampering_is_refused():
     assert not check(dataclasses.replace(found, quaternion=(0, 0, 0, 0))).proved
 
 
+def test_gap_is_relative_to_the_trace_of_the_diagonal():
+    found, _ = proved(7)
+    Q = np.zeros((10, 10))
+    Q[np.triu_indices(10)] = [float(q) for q in found.Q]
+    gap = float(found.cost - found.bound) / np.trace(Q)
+    assert float(check(found).relative_gap) == pytest.approx(gap, rel=1e-12)
+
+
+@pytest.mark.parametrize("trace", [0, -1])
+def test_a_matrix_without_a_positive_trace_proves_nothing(trace):
+    """tr Q is what the gap is small against: without one everything would be small."""
+    entries = tuple(Fraction(trace if i == j == 0 else 0) for i, j in proof_module.UPPER)
+    quaternion = (1, 0, 0, 0)
+    cost = proof_module.cost_of(entries, quaternion)
+    proof = proof_module.Proof("", entries, (Fraction(1),) * 20, cost - 1, quaternion, cost)
+    checked = check(proof)
+    assert not checked.proved and "tr Q is not positive" in checked.reason
+
+
 def test_a_weaker_bound_is_not_passed_off_as_an_optimum():
     found, minimum = proved(4)
     lower = dataclasses.replace(found, bound=found.bound - Fraction(minimum.scale) / 1000)

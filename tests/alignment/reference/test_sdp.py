@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 
 from certnav.alignment.problem import build_problem
-from certnav.alignment.reference.sdp import (
-    DualSolution,
-    lagrangian,
-    rotations_from_moments,
-    solve_dual,
-)
+from certnav.alignment.reference.sdp import DualSolution, rotations_from_moments, solve_dual
 from certnav.alignment.reference.sdp_cvxpy import solve_dual_cvxpy
 from certnav.alignment.reference.simulation import simulate_window
-from certnav.alignment.solver.constraints import ALL, lift
+from certnav.alignment.solver.constraints import ALL, lagrangian, lift
 from certnav.alignment.solver.refinement import cost, newton, rotation_angle
 from certnav.filters.errors import ConfigError
 

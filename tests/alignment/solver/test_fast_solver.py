@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from certnav.alignment.problem import build_problem
-from certnav.alignment.proofs.certificate import AlignmentStatus, certify
+from certnav.alignment.proofs.certificate import certify
 from certnav.alignment.reference.certifiable import certified_minimum
-from certnav.alignment.reference.sdp import DualSolution
 from certnav.alignment.reference.simulation import simulate_window
+from certnav.alignment.solver import fast_numpy
 from certnav.alignment.solver.constraints import ALL, HOMOGENEOUS, constraint_matrices, lift
 from certnav.alignment.solver.fast_solver import BACKENDS, fast_minimum, local_minima
 from certnav.alignment.solver.quartic import (
@@ -25,6 +25,7 @@ from certnav.alignment.solver.quartic import (
     super_fibonacci,
 )
 from certnav.alignment.solver.refinement import cost, gradient, hessian, rotation_angle
+from certnav.alignment.status import AlignmentStatus
 from certnav.filters.errors import ConfigError, DataError
 from certnav.filters.rotation import matrix_from_rotvec
 
@@ -125,14 +126,32 @@ class TestQuarticForm:
         np.testing.assert_allclose(np.linalg.det(super_fibonacci(10)), 1.0)
 
 
+def test_what_a_solver_leaves_of_the_slope_is_in_units_of_the_cost(monkeypatch, problems):
+    """A rotation short of the minimum, as if handed over by the solver: honest in every unit."""
+    Q = 1e3 * problems[0]
+    C = fast_minimum(Q).C @ matrix_from_rotvec([0.02, -0.01, 0.03])
+
+    def stopped(scaled):
+        X, slope = fast_numpy.smallest_gram(gram(scaled, C))
+        return C, cost(scaled, C), -1.0, X, slope, 1, 1, 0
+
+    monkeypatch.setattr(fast_numpy, "solve", stopped)
+    found = fast_minimum(Q, backend="numpy")
+    np.testing.assert_allclose(found.slope, gradient(Q, C), rtol=1e-9)
+    np.testing.assert_allclose(found.hessian, hessian(Q, C), rtol=1e-6, atol=1e-6 * found.scale)
+    assert found.cost == pytest.approx(cost(Q, C), rel=1e-12)
+    assert found.status is AlignmentStatus.NOT_TIGHT and found.best_margin < 0.0
+    assert found.lower_bound == pytest.approx(found.cost - found.scale, rel=0.1)
+
+
 @pytest.mark.parametrize("backend", BACKENDS)
 class TestSolver:
     def test_agrees_with_the_sdp(self, problems, backend):
         for Q in problems[::2]:
             fast, sdp = fast_minimum(Q, backend=backend), certified_minimum(Q)
             assert fast.status is AlignmentStatus.CERTIFIED
-            assert fast.cost == pytest.approx(sdp.minimum.cost, abs=1e-12 * fast.scale)
-            assert rotation_angle(fast.C, sdp.minimum.C) < np.radians(1e-6)
+            assert fast.cost == pytest.approx(sdp.cost, abs=1e-12 * fast.scale)
+            assert rotation_angle(fast.C, sdp.C) < np.radians(1e-6)
 
     def test_bound_and_uniqueness_hold_everywhere(self, problems, backend):
         R = Rotation.random(5000, rng=np.random.default_rng(8)).as_matrix()
@@ -156,11 +175,7 @@ class TestSolver:
             np.testing.assert_allclose(
                 Q + combination.reshape(10, 10), lagrangian, atol=1e-12 * found.scale
             )
-            dual = DualSolution(
-                found.cost, found.cost, found.multipliers(Q), ALL, lagrangian,
-                np.zeros((10, 10)), 0, "",
-            )  # fmt: skip
-            proof = certify(Q, found.C, dual)
+            proof = certify(Q, found.C, found.multipliers(Q), found.cost)
             assert proof.status is AlignmentStatus.CERTIFIED
             assert proof.relative_gap < 1e-12
 

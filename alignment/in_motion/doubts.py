@@ -1,0 +1,122 @@
+"""What speaks against the solution of a window in motion: rows, rivals, single satellites.
+
+Rows that do not fit are rejected one by one. Then three questions, beside those that every
+alignment is asked: whether enough rows are left, whether other minima lose at their own
+linearisation, too, and whether the attitude hangs on a single satellite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ...filters.errors import AlignmentError
+from ...filters.rotation import FloatArray
+from ..result import AlignmentResult, Ask, Verdict
+from ..solver.attitude_bound import region_threshold
+from ..solver.refinement import rotation_angle
+from .unknowns import InertialOptions, Mask, Solved, Window, settle
+
+#: Makes the window at given biases.
+Linearised = Callable[[FloatArray], Window]
+
+
+def reject(window: Linearised, solved: Solved, options: InertialOptions) -> tuple[Solved, Mask]:
+    """Reject the worst row of each epoch by turns until all agree (Baarda's data snooping).
+
+    The residual of a row is judged by its own σ after the fit: a row that the fit follows
+    whatever it says has a small residual and a small σ of it.
+    """
+    inliers = np.ones(len(solved.window), dtype=bool)
+    epoch = solved.window.rows.rows.epoch
+    for _ in range(40):
+        k = int(np.sum(inliers))
+        jacobian, residual = solved.joint(inliers)
+        basis = np.asarray(np.linalg.qr(jacobian)[0])[:k]
+        left = np.maximum(1.0 - np.sum(basis * basis, axis=1), 1e-6)
+        score = np.zeros(len(inliers))
+        score[inliers] = np.abs(residual[:k]) / np.sqrt(left)
+        # A row that nothing checks cannot be judged.
+        score[inliers] *= left > 1e-3
+        worst = float(score.max())
+        if worst <= options.cutoff or np.mean(~inliers) > 0.5:
+            break
+        # Only what is nearly as bad as the worst: the others may suffer from it.
+        bad = score > max(options.cutoff, 0.6 * worst)
+        for e in np.unique(epoch[bad]):
+            rows = np.flatnonzero(epoch == e)
+            inliers[rows[np.argmax(score[rows])]] = False
+        solved = settle(window, solved.window.biases, options, None, inliers)
+    return solved, inliers
+
+
+def consensus(inliers: Mask, options: InertialOptions) -> Verdict:
+    """Return whether enough rows are left."""
+    share = float(np.mean(inliers))
+    passed = share >= 1.0 - options.minority
+    text = f"{int(np.sum(inliers))} of {inliers.size} rows agree"
+    if not passed:
+        text += f", {100.0 * (1.0 - options.minority):.0f} % are needed"
+    return Verdict(Ask.CONSENSUS, passed, share, 1.0 - options.minority, text)
+
+
+def separation(
+    window: Linearised, solved: Solved, result: AlignmentResult,
+    inliers: Mask, options: InertialOptions,
+) -> Verdict:  # fmt: skip
+    """Leave out each satellite in turn: none may carry the attitude by itself.
+
+    Where rows had to be rejected, others of the same reflections may have stayed. The solution
+    without a satellite differs from that with it by P_without − P_with if the satellite is sound
+    (solution separation, as in receiver integrity monitoring); the largest of these tests counts.
+    """
+    rows = solved.window.rows
+    _, cov = solved.estimate(result, inliers)
+    limit = region_threshold(1.0 - 1e-4)
+    worst, name = 0.0, ""
+    for sat in np.unique(rows.sat[inliers]):
+        others = inliers & (rows.sat != sat)
+        try:
+            without = settle(window, solved.window.biases, options, solved.C_ew, others)
+        except AlignmentError:
+            return Verdict(Ask.SEPARATION, False, np.inf, limit, f"nothing is left without {sat}")
+        _, wider = without.estimate(result, others)
+        off = without.C_ew @ solved.C_ew.T
+        turn_e = 0.5 * np.array(
+            [off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]]
+        )
+        values, axes = np.linalg.eigh(wider[:3, :3] - cov[:3, :3])
+        # A satellite that adds nothing moves nothing: a hundredth of σ² is the floor.
+        floor = 0.01 * float(np.linalg.eigvalsh(cov[:3, :3])[0])
+        score = float(np.sum((axes.T @ turn_e) ** 2 / np.maximum(values, floor)))
+        if score > worst:
+            worst, name = score, str(sat)
+    passed = worst <= limit
+    text = f"without {name} the attitude moves by χ² {worst:.3g}"
+    return Verdict(
+        Ask.SEPARATION, passed, worst, limit, text + ("" if passed else f" (limit {limit:.0f})")
+    )
+
+
+def rivals(
+    window: Linearised, solved: Solved, result: AlignmentResult,
+    inliers: Mask, options: InertialOptions,
+) -> Verdict:  # fmt: skip
+    """Follow the other minima to their own linearisation; they must still be worse there."""
+    limit = result.inflation * options.limits.ambiguity
+    least = np.inf
+    for C, cost in zip(result.rivals.C, result.rivals.cost, strict=True):
+        # Its own biases gain nothing to speak of where the excess is a hundred times the limit.
+        if cost - result.cost > 100.0 * limit or len(result.rivals.cost) > 8:
+            continue
+        other = settle(window, solved.window.biases, options, C, inliers)
+        if rotation_angle(other.C_ew, result.C_ew) > 0.01:
+            least = min(least, other.cost - result.cost)
+    passed = not least < limit
+    text = f"nearest rival with biases of its own at χ² +{least:.3g}"
+    if np.isinf(least):
+        text = "no rival with biases of its own"
+    elif not passed:
+        text += f" (limit {limit:.0f}): needs a turn or a change of speed"
+    return Verdict(Ask.RIVALS, passed, least, limit, text)
