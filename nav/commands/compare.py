@@ -59,17 +59,16 @@ def add_report_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Compare, write page and result directories, and say what came out."""
-    import shutil
-    import tempfile
-
     from ...datasets.cache import kept_in
     from ...datasets.load import load
+    from ...datasets.placing import written_whole
     from ...filters.errors import ConfigError
     from ..compare.comparison import compare
     from ..compare.degradation import parse_outages
     from ..compare.methods import parse_methods
     from ..compare.report import write_page
     from ..config import load_config
+    from ..report.run import write_report
     from .progress import progress
 
     if arguments.seeds < 1:
@@ -80,23 +79,14 @@ def run(arguments: argparse.Namespace) -> None:
     config = load_config(arguments.config, arguments.set)
     out: Path = arguments.out.resolve()
     _check_replaceable(out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".new", dir=out.parent))
-    try:
+    with written_whole(out) as draft:
         with progress() as report, kept_in(out.parent / ".certnav-cache"):
             comparison = compare(
                 [load(path, **config.data) for path in arguments.path], methods, outages, config,
-                seeds=arguments.seeds, out=draft, jobs=arguments.jobs,
+                seeds=arguments.seeds, out=draft, draw=write_report, jobs=arguments.jobs,
                 scheduler=arguments.scheduler, progress=report,
             )  # fmt: skip
         write_page(comparison, draft)
-        draft.chmod(0o755)
-        if out.exists():
-            shutil.rmtree(out)
-        draft.rename(out)
-    except BaseException:
-        shutil.rmtree(draft, ignore_errors=True)
-        raise
     _say(comparison, out, arguments.json)
 
 

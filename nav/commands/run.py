@@ -94,10 +94,16 @@ def navigate_folder(
         solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
         write_result(
             out, solution, evaluation, sequence, to_toml(config), formats,
-            report=report_page, table=table,
+            draw=_draw if report_page else None, table=table,
         )  # fmt: skip
     _print_summary(solution, evaluation, sequence, out)
     return out
+
+
+def _draw(draft: Path) -> None:
+    from ..report.run import write_report  # matplotlib is slow to import
+
+    write_report(draft)
 
 
 def cache_folder(out: Path | None) -> Path:

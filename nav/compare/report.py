@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...datasets.placing import write_file
 from ...filters.earth import lla_to_ecef
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray
@@ -44,9 +44,7 @@ def write_page(comparison: Comparison, out: Path) -> Path:
     out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(strict(as_dict(comparison)), indent=2, ensure_ascii=False, allow_nan=False)
     for name, content in ((DATA, text + "\n"), (PAGE, build_page(comparison))):
-        draft = out / f".{name}.new"
-        draft.write_text(content, encoding="utf-8")
-        os.replace(draft, out / name)
+        write_file(out / name, content.encode())
     return out / PAGE
 
 

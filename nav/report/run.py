@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from html import escape
 from pathlib import Path
 
 import numpy as np
 
 from ...datasets.gpstime import to_calendar, to_week_sow
+from ...datasets.placing import write_file
 from ..evaluation.accuracy import normalised_nis, standard_deviation
 from ..results.directory import Result, read_result
 from . import figures, page
@@ -18,9 +18,7 @@ from .verdict import duration, gate_activity, length, quantity, verdict
 def write_report(directory: Path) -> Path:
     """Build ``report.html`` from a result directory and put it there; return its path."""
     path = Path(directory) / "report.html"
-    draft = path.with_name(".report.html.new")
-    draft.write_text(build_report(read_result(directory)), encoding="utf-8")
-    os.replace(draft, path)
+    write_file(path, build_report(read_result(directory)).encode())
     return path
 
 

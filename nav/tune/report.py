@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import shutil
-import tempfile
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -14,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...datasets.placing import written_whole
 from ...filters.errors import DataError
 from ..report import page
 from .tuning import PAPER, Tuning
@@ -39,9 +37,7 @@ def write_tuning(tuning: Tuning, out: str | Path) -> Path:
             raise DataError(
                 "exists and is not a tuning result", file=out, remedy="choose another --out"
             )
-    out.parent.mkdir(parents=True, exist_ok=True)
-    draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".new", dir=out.parent))
-    try:
+    with written_whole(out) as draft:
         (draft / "thresholds.toml").write_text(thresholds_toml(tuning), encoding="utf-8")
         text = json.dumps(as_dict(tuning), indent=1, allow_nan=False)
         (draft / "tuning.json").write_text(text + "\n", encoding="utf-8")
@@ -49,13 +45,6 @@ def write_tuning(tuning: Tuning, out: str | Path) -> Path:
         for name, figure in pictures.items():
             figure.savefig(draft / f"{name}.png", dpi=120)
         (draft / "tuning.html").write_text(_page(tuning), encoding="utf-8")
-        draft.chmod(0o755)
-        if out.exists():
-            shutil.rmtree(out)
-        os.replace(draft, out)
-    except BaseException:
-        shutil.rmtree(draft, ignore_errors=True)
-        raise
     return out
 
 
