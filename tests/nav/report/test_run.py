@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from certnav.nav.evaluation.accuracy import evaluate
+from certnav.nav.page.pictures import render
 from certnav.nav.report import figures
 from certnav.nav.report.run import write_report
 from certnav.nav.report.verdict import gate_activity, verdict
@@ -167,7 +168,7 @@ def test_report_is_rebuilt_from_the_directory_alone(report):
 
 def test_drawing_leaves_matplotlib_as_it_was(result):
     before = dict(matplotlib.rcParams)
-    assert figures.render(figures.satellites, result(duration=5.0)) is not None
+    assert render(figures.satellites, result(duration=5.0)) is not None
     assert dict(matplotlib.rcParams) == before
 
 
