@@ -38,6 +38,16 @@ _STEPS = (
 )
 
 
+def check_replaceable(out: Path) -> None:
+    """Refuse (`DataError`) to write over anything but a comparison or an empty folder."""
+    if not out.exists() or (out / DATA).is_file() or (out.is_dir() and not any(out.iterdir())):
+        return
+    raise DataError(
+        "exists and is not a comparison of certnav's", file=out,
+        remedy="name another output directory, or remove this one",
+    )  # fmt: skip
+
+
 def write_page(comparison: Comparison, out: Path) -> Path:
     """Write ``comparison.html`` and ``comparison.json`` into `out`; return the page's path."""
     out = Path(out)
