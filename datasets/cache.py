@@ -10,12 +10,9 @@ where that does not fit, it is not used but made again. The folder may be delete
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import io
 import logging
-import os
-import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -23,6 +20,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+
+from .placing import write_file
 
 _MAGIC = b"certnav cache 1\n"
 _log = logging.getLogger(__name__)
@@ -120,15 +119,6 @@ def _write(entry: Path, arrays: Arrays) -> None:
     body = stream.getbuffer()
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)
-        handle, draft = tempfile.mkstemp(dir=entry.parent, prefix=".", suffix=".new")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(_MAGIC + hashlib.sha256(body).digest())
-                file.write(body)
-            os.replace(draft, entry)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                os.unlink(draft)
-            raise
+        write_file(entry, _MAGIC + hashlib.sha256(body).digest(), body)
     except OSError as error:
         _log.warning("%s: nothing kept (%s)", entry.parent, error.strerror)

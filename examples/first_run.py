@@ -68,8 +68,6 @@ figure.savefig(work / "error.png")
 # A result directory holds everything, and reads back.
 
 # %%
-out = write_result(
-    work / "result", solution, evaluation, sequence, to_toml(config), ("pos",), report=False
-)
+out = write_result(work / "result", solution, evaluation, sequence, to_toml(config), ("pos",))
 print(sorted(p.name for p in out.iterdir()))
 assert read_result(out).evaluation.metrics == evaluation.metrics

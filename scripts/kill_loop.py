@@ -26,11 +26,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from certnav.datasets.great.writer import simulate_folder
+from certnav.datasets.placing import broken_seals, current
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.errors import NavError
 from certnav.nav.commands.cli import main as main_of_certnav
 from certnav.nav.results.directory import read_result
-from certnav.nav.results.placing import broken_seals, current
 
 
 @dataclass

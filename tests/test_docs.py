@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from certnav.nav.commands.cli import _parser
+from certnav.nav.commands.cli import parser
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -32,7 +32,7 @@ def quoted(page: Path, start: str) -> list[str]:
 
 
 def subcommands() -> dict[str, argparse.ArgumentParser]:
-    (chosen,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    (chosen,) = (a for a in parser()._actions if isinstance(a, argparse._SubParsersAction))
     return dict(chosen.choices)
 
 

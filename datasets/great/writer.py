@@ -14,9 +14,6 @@ reference 0.1 mm, 0.01 mm/s and 1e-7 deg.
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,6 +23,7 @@ from ...filters.earth import ecef_to_lla
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix
 from .. import gpstime
+from ..placing import written_whole
 from ..sequence import GnssObservations, ImuData, Reference
 from ..simulation.constellation import write_navigation
 from ..simulation.simulator import LEVER_ANTENNA, Simulation, SimulationConfig, simulate
@@ -72,23 +70,16 @@ def simulate_folder(
     DataError
         If `out` exists and may not be replaced.
 
-    The folder appears complete or not at all: it is written beside `out`, then renamed.
+    The folder appears complete or not at all, and so does its successor (`datasets.placing`).
     """
     out = Path(out)
     _refuse_existing(out, overwrite)
     say = progress or (lambda fraction, what: None)
     say(0.0, "simulating the drive")
     simulation = simulate(config)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
-    try:
-        say(0.4, "writing the folder")
-        write_great(simulation, work / "new")
-        if out.exists():
-            os.replace(out, work / "old")
-        os.replace(work / "new", out)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
+    say(0.4, "writing the folder")
+    with written_whole(out) as draft:
+        write_great(simulation, draft)
     return out
 
 
@@ -107,14 +98,7 @@ def _refuse_existing(out: Path, overwrite: bool) -> None:
 
 
 def write_great(simulation: Simulation, folder: Path) -> None:
-    """Write a simulation into a new folder.
-
-    Parameters
-    ----------
-    simulation : Simulation
-    folder : Path
-        Must not exist.
-    """
+    """Write a simulation into a folder that is empty, or not there yet."""
     config = simulation.config
     start, end = config.start_time, config.start_time + config.duration
     date = config.start

@@ -7,8 +7,8 @@ import numpy as np
 from ...datasets.sequence import GnssFixes, GnssObservations, Sequence
 from ...filters.earth import C_en_of, ecef_to_lla, lla_to_ecef
 from ...filters.rotation import FloatArray
+from ...velocity.tracks import Track, Tracks
 from .findings import Finding
-from .tracks import Track, Tracks
 
 #: Pseudoranges of GNSS satellites, receiver clock included [m]: 17 ms … 600 ms of light.
 _RANGE = (1.5e7, 1.0e8)

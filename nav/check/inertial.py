@@ -9,9 +9,9 @@ from ...datasets.sequence import ImuData, Sequence
 from ...filters.earth import gravity_e
 from ...filters.rotation import FloatArray
 from ...filters.sensors import STANDARD_GRAVITY, ImuSpec
+from ...velocity.tracks import Track
 from ..notes import clock
 from .findings import Finding
-from .tracks import Track
 
 _WINDOW = 1.0
 #: A window is at rest if GNSS says slower than this [m/s] …

@@ -17,9 +17,9 @@ import numpy as np
 from ...datasets.physics import gyro_unit_ratio
 from ...datasets.sequence import Sequence
 from ...filters.rotation import FloatArray
+from ...velocity.tracks import Track
 from .findings import Finding
 from .lag import Fit, Lag, find_lag, fit_increments
-from .tracks import Track
 
 #: Slower than this, a course is no direction to compare with [m/s].
 COURSE_SPEED = 3.0

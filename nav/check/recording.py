@@ -20,6 +20,7 @@ from ...datasets.sequence import Sequence
 from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import ConfigError, DataError, NavError
 from ...filters.rotation import FloatArray
+from ...velocity.tracks import Track, Tracks, differenced, thinned, tracks
 from ..config import GnssConfig
 from ..notes import clock
 from . import motion
@@ -27,7 +28,6 @@ from .findings import Finding, Report, in_order
 from .gnss import gnss_findings
 from .inertial import inertial_findings
 from .reference import reference_findings
-from .tracks import Track, Tracks, differenced, thinned, tracks
 
 #: Parts that overlap the IMU for less than this share of their time are doubtful.
 _OVERLAP = 0.5

@@ -13,10 +13,10 @@ import numpy as np
 from ...datasets.sequence import Reference, Sequence
 from ...filters.earth import C_en_of
 from ...filters.rotation import FloatArray, matrix_from_rpy
+from ...velocity.tracks import Track, Tracks
 from .findings import Finding
 from .lag import Lag, find_lag
 from .motion import COURSE_SPEED, LAG_TOLERANCE, increments, leap_remedy, leap_second_words
-from .tracks import Track, Tracks
 
 _BLOCKS = 8
 #: Slower epochs take no part in the fit [m/s].

@@ -4,14 +4,30 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 
-from ...filters.errors import ConfigError
-from ..check.recording import check
-from ..config import load_config
+HELP = "test a recording against physics before anything is made of it"
+DESCRIPTION = (
+    "Load a recording and test it: gravity, turn rates against the course, time "
+    "scales, Doppler, reference. One page; status 1 if it cannot be navigated."
+)
 
 
-def check_recording(arguments: argparse.Namespace) -> int:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``certnav check`` to its parser."""
+    parser.add_argument("path", type=Path, help="folder of the recording")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="data.KEY=VALUE", help="reader option"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON instead of the page")
+
+
+def run(arguments: argparse.Namespace) -> int:
     """Check a recording; return 1 if it cannot be navigated."""
+    from ...filters.errors import ConfigError
+    from ..check.recording import check
+    from ..config import load_config
+
     config = load_config(None, arguments.set)
     if any(not text.startswith("data.") for text in arguments.set):
         raise ConfigError("--set: expected data.KEY=VALUE, an option of the reader")

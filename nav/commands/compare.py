@@ -1,18 +1,21 @@
-"""``certnav compare`` and ``certnav report``: arguments, run, and what they print."""
+"""`certnav compare`: every method on the same drives, with the same spells of weak GNSS."""
 
 from __future__ import annotations
 
 import argparse
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+if TYPE_CHECKING:
+    from ..compare.comparison import Comparison
+
+HELP = "set methods against each other in spells of weak GNSS"
 DESCRIPTION = (
     "Set methods against each other on the same drives with the same spells of weak GNSS: GNSS "
     "alone, alignment alone, and loose coupling without and with Doppler below four satellites, "
     "vehicle constraints and smoothing."
 )
-REPORT_DESCRIPTION = "Merge result directories made elsewhere into one page of comparison."
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,31 +48,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
 
 
-def add_report_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``certnav report`` to its parser."""
-    parser.add_argument(
-        "directory", type=Path, nargs="+", help="result directories, or folders that hold some"
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path("results/report"), metavar="DIR",
-        help="where the page goes [results/report]",
-    )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print everything as JSON")
-
-
 def run(arguments: argparse.Namespace) -> None:
     """Compare, write page and result directories, and say what came out."""
-    import shutil
-    import tempfile
-
     from ...datasets.cache import kept_in
     from ...datasets.load import load
+    from ...datasets.placing import written_whole
     from ...filters.errors import ConfigError
     from ..compare.comparison import compare
     from ..compare.degradation import parse_outages
     from ..compare.methods import parse_methods
-    from ..compare.report import write_page
+    from ..compare.report import check_replaceable, write_page
     from ..config import load_config
+    from ..report.run import write_report
     from .progress import progress
 
     if arguments.seeds < 1:
@@ -79,52 +69,20 @@ def run(arguments: argparse.Namespace) -> None:
     outages, methods = parse_outages(arguments.outages), parse_methods(arguments.methods)
     config = load_config(arguments.config, arguments.set)
     out: Path = arguments.out.resolve()
-    _check_replaceable(out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".new", dir=out.parent))
-    try:
+    check_replaceable(out)
+    with written_whole(out) as draft:
         with progress() as report, kept_in(out.parent / ".certnav-cache"):
             comparison = compare(
                 [load(path, **config.data) for path in arguments.path], methods, outages, config,
-                seeds=arguments.seeds, out=draft, jobs=arguments.jobs,
+                seeds=arguments.seeds, out=draft, draw=write_report, jobs=arguments.jobs,
                 scheduler=arguments.scheduler, progress=report,
             )  # fmt: skip
         write_page(comparison, draft)
-        draft.chmod(0o755)
-        if out.exists():
-            shutil.rmtree(out)
-        draft.rename(out)
-    except BaseException:
-        shutil.rmtree(draft, ignore_errors=True)
-        raise
-    _say(comparison, out, arguments.json)
+    say(comparison, out, arguments.json)
 
 
-def report(arguments: argparse.Namespace) -> None:
-    """Merge result directories into one page."""
-    from ..compare.report import merge, write_page
-
-    out: Path = arguments.out.resolve()
-    _check_replaceable(out)
-    comparison = merge(arguments.directory)
-    write_page(comparison, out)
-    _say(comparison, out, arguments.json)
-
-
-def _check_replaceable(out: Path) -> None:
-    """Refuse to write over anything but a comparison or an empty folder."""
-    from ...filters.errors import DataError
-    from ..compare.report import DATA
-
-    if not out.exists() or (out / DATA).is_file() or (out.is_dir() and not any(out.iterdir())):
-        return
-    raise DataError(
-        "exists and is not a comparison of certnav's", file=out,
-        remedy="name another output directory, or remove this one",
-    )  # fmt: skip
-
-
-def _say(comparison: Any, out: Path, as_json: bool) -> None:
+def say(comparison: Comparison, out: Path, as_json: bool) -> None:
+    """Print a comparison, and where its page is."""
     from ..compare.comparison import as_dict
     from ..compare.report import PAGE
     from ..results.summary import strict

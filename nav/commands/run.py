@@ -1,34 +1,60 @@
-"""`certnav run` and `certnav demo`: load, navigate, evaluate, write, and say what came out."""
+"""`certnav run`: navigate a recording and write its result directory."""
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import time
 from pathlib import Path
 
-from ...datasets.cache import kept_in
-from ...datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
-from ...datasets.great.catalogue import great_sequence
-from ...datasets.load import load
-from ...datasets.sequence import Sequence
-from ...filters.errors import ConfigError, DataError
-from ..check.recording import check_sequence
-from ..config import Config, load_config, to_toml
-from ..evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
-from ..notes import Note
-from ..pipeline import navigate
-from ..results.directory import check_replaceable, write_result
-from ..results.formats import parse_formats
-from ..solution import Solution
-from .progress import announce_kernels, progress
+HELP = "navigate a sequence and write a result directory with a report"
+DESCRIPTION = (
+    "Navigate a sequence: GNSS positions and Doppler velocities with the IMU in "
+    "an error-state filter, judged against the reference if there is one."
+)
 
-#: The demo: a drive between tall buildings, long enough for satellites to come and go.
-DEMO_SEED, DEMO_DURATION = 2, 600.0
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``certnav run`` to its parser."""
+    parser.add_argument("path", type=Path, help="folder of the sequence")
+    parser.add_argument("--config", type=Path, metavar="FILE", help="configuration (TOML)")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
+        help="override one configuration value, e.g. data.lever=figure; repeatable",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, metavar="DIR", help="result directory [results/NAME]")
+    parser.add_argument(
+        "--start", type=float, metavar="T", help="GPS seconds of week (or GPS seconds)"
+    )
+    parser.add_argument("--end", type=float, metavar="T", help="likewise")
+    parser.add_argument("--format", default="", metavar="LIST", help="also write pos,kml,tum,nav")
+    parser.add_argument(
+        "--only", metavar="LIST",
+        help="write these formats instead of solution.csv, and no report: the fastest way through",
+    )  # fmt: skip
+    parser.add_argument(
+        "--base", type=Path, metavar="FILE",
+        help="RINEX of a base station, or a folder of them: RTK positions (gnss.position = rtk)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--great", metavar="NAME",
+        help="the folder is this GREAT sequence (campus-01 …): take what the catalogue knows of it",
+    )  # fmt: skip
+    parser.add_argument("--no-report", action="store_true", help="leave report.html out: faster")
+    parser.add_argument("--smooth", action="store_true", help="smooth: every epoch knows all data")
+    parser.add_argument(
+        "--unchecked", action="store_true", help="navigate even if the data contradict physics"
+    )
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Navigate a recording."""
+    import dataclasses
+
+    from ...datasets.great.catalogue import great_sequence
+    from ...filters.errors import ConfigError
+    from ..config import load_config
+    from ..results.formats import parse_formats
+    from .navigation import navigate_folder
+
     smooth = ["filter.smooth=true"] if arguments.smooth else []
     config = load_config(arguments.config, [*arguments.set, *smooth])
     if arguments.base is not None:
@@ -49,124 +75,3 @@ def run(arguments: argparse.Namespace) -> None:
         checked=not arguments.unchecked, report_page=not (arguments.no_report or only),
         table=not only,
     )  # fmt: skip
-
-
-def demo(arguments: argparse.Namespace) -> None:
-    """Simulate a drive in the GREAT layout and navigate it."""
-    from ...datasets.great.writer import simulate_folder
-    from ...datasets.simulation.simulator import SimulationConfig
-
-    out: Path = arguments.out
-    drive = out.parent / f"{out.name}-drive"
-    config = SimulationConfig(name="demo", seed=DEMO_SEED, duration=DEMO_DURATION)
-    print(f"simulating {DEMO_DURATION:.0f} s of city driving in the GREAT layout → {drive}")
-    simulate_folder(config, drive, overwrite=True)
-    navigate_folder(drive, Config(), out)
-
-
-def navigate_folder(
-    path: Path,
-    config: Config,
-    out: Path | None = None,
-    formats: tuple[str, ...] = (),
-    start: float | None = None,
-    end: float | None = None,
-    checked: bool = True,
-    report_page: bool = True,
-    table: bool = True,
-) -> Path:
-    """Load, check, navigate, evaluate, write the result directory, and print the summary."""
-    began = time.perf_counter()
-    if out is not None:
-        check_replaceable(out)
-    announce_kernels()
-    with progress() as report, kept_in(cache_folder(out)):
-        report(0.0, "reading")
-        sequence = cut(load(path, **config.data), start, end)
-        out = Path("results") / sequence.name if out is None else out
-        check_replaceable(out)
-        found = _checked(sequence, config) if checked else ()
-        read = time.perf_counter() - began
-        solution = navigate(sequence, config, report)
-        solution = dataclasses.replace(solution, notes=(*found, *solution.notes))
-        report(1.0, "evaluation and report")
-        solution, evaluation = judged(solution, sequence)
-        solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
-        write_result(
-            out, solution, evaluation, sequence, to_toml(config), formats,
-            report=report_page, table=table,
-        )  # fmt: skip
-    _print_summary(solution, evaluation, sequence, out)
-    return out
-
-
-def cache_folder(out: Path | None) -> Path:
-    """Return where readers keep what is slow to read: beside the result."""
-    return (Path("results/result") if out is None else out).parent / ".certnav-cache"
-
-
-def judged(solution: Solution, sequence: Sequence) -> tuple[Solution, Evaluation]:
-    """Return the solution with its evaluation; one that cannot be made is a note, not a loss."""
-    try:
-        return solution, evaluate(solution, sequence)
-    except DataError as error:
-        said = Note("doubtful", f"not compared with the reference: {error}")
-        notes = (*solution.notes, said)
-        nis = normalised_nis(solution.updates)
-        return dataclasses.replace(solution, notes=notes), without_reference(nis)
-
-
-def _checked(sequence: Sequence, config: Config) -> tuple[Note, ...]:
-    """Return what is doubtful; refuse what is fatal."""
-    findings = check_sequence(sequence, config.gnss)
-    for finding in findings:
-        if finding.severity == "fatal":
-            raise DataError(
-                f"{sequence.name}: {finding.subject}: {finding.found}", remedy=finding.remedy
-            )
-    return tuple(
-        Note("doubtful", f"{f.subject}: {f.found}") for f in findings if f.severity == "doubtful"
-    )
-
-
-def cut(sequence: Sequence, start: float | None, end: float | None) -> Sequence:
-    """Return the part between two times given as seconds of week, or as GPS seconds."""
-    if start is None and end is None:
-        return sequence
-    first, last = sequence.span
-    week = int(to_week_sow(first)[0]) if sequence.time_scale == "gps" else 0
-
-    def full(value: float) -> float:
-        return value + week * SECONDS_PER_WEEK if value < SECONDS_PER_WEEK else value
-
-    return sequence.between(
-        first if start is None else full(start), last if end is None else full(end)
-    )
-
-
-def _print_summary(
-    solution: Solution, evaluation: Evaluation, sequence: Sequence, out: Path
-) -> None:
-    span = solution.trajectory.time[-1] - solution.trajectory.time[0]
-    print(f"{solution.name}: {span:.0f} s navigated, {len(sequence.inertial)} IMU samples")
-    print(f"  alignment   {solution.alignment.message}, after {solution.alignment.waited:.0f} s")
-    counts: dict[str, list[int]] = {}
-    for update in solution.updates:
-        entry = counts.setdefault(update.kind, [0, 0])
-        entry[0] += update.accepted
-        entry[1] += 1
-    for kind, (accepted, offered) in counts.items():
-        print(f"  {kind:<11} {accepted} of {offered} updates used")
-    m = evaluation.metrics
-    if m["horizontal_rms_m"] is not None:
-        print(
-            f"  horizontal  RMS {m['horizontal_rms_m']:.2f} m, 95 % {m['horizontal_p95_m']:.2f} m, "
-            f"worst {m['horizontal_max_m']:.2f} m"
-        )
-    if m["heading_rms_deg"] is not None:
-        print(f"  heading     RMS {m['heading_rms_deg']:.2f}°")
-    for note in solution.notes:
-        if note.doubtful:
-            print(f"  {note}")
-    page = Path(out) / "report.html"
-    print(f"  report      {page}" if page.exists() else f"  result      {out}")

@@ -1,4 +1,4 @@
-"""``certnav tune``: arguments, run, and what it prints. Heavy imports happen inside."""
+"""`certnav tune`: screening thresholds from recordings, and what they are worth."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
-from ...filters.errors import ConfigError
-
+HELP = "find screening thresholds, cross-validated"
 DESCRIPTION = (
     "Find thresholds of C/N0 and |SDV·RMD| for Doppler velocity below four satellites, "
     "cross-validated, with the trade-off drawn."
@@ -98,6 +97,8 @@ def parse_range(option: str, text: str) -> list[float]:
     ConfigError
         If it is neither.
     """
+    from ...filters.errors import ConfigError
+
     try:
         numbers = [float(part) for part in text.split(":")]
     except ValueError:

@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
-from ...alignment.proofs.proof import check, read
+HELP = "check the proofs of certnav align --proof in exact arithmetic"
+DESCRIPTION = (
+    "Check alignment proofs in integers and fractions, without the solver: for "
+    "the cost matrix in the file, no rotation costs less than the bound."
+)
 
 
-def verify(arguments: argparse.Namespace) -> int:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``certnav verify`` to its parser."""
+    parser.add_argument("path", type=Path, metavar="FILE")
+
+
+def run(arguments: argparse.Namespace) -> int:
     """Check every proof of a file; status 1 if one of them does not hold."""
+    from ...alignment.proofs.proof import check, read
+
     refused = 0
     proofs = read(arguments.path)
     for proof in proofs:

@@ -161,6 +161,7 @@ class _Task:
     seed: int
     variant: str
     out: Path | None
+    draw: Callable[[Path], object] | None
 
 
 def compare(
@@ -171,6 +172,7 @@ def compare(
     *,
     seeds: int = 1,
     out: Path | None = None,
+    draw: Callable[[Path], object] | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -190,6 +192,8 @@ def compare(
     out : Path, optional
         Result directories go here: one a method; where there are several drives or shifts, one a
         drive and shift below it. Only the first draw is written.
+    draw : callable, optional
+        Adds pages to each of them, for example `nav.report.run.write_report`.
     jobs : int
         Processes; −1 for all processors.
     scheduler : str, optional
@@ -226,7 +230,9 @@ def compare(
                 variant = f"@{shift:g} seed {seed}" if outages.is_random else f"@{shift:g}"
                 for method in methods:
                     where = out / method.name / place if out is not None and seed == 0 else None
-                    task = _Task(method, alignment, config, outages, spells, seed, variant, where)
+                    task = _Task(
+                        method, alignment, config, outages, spells, seed, variant, where, draw
+                    )
                     tasks.append((task, sequence))
     order = {method.name: k for k, method in enumerate(methods)}
     runs: list[Run] = []
@@ -299,9 +305,14 @@ def _carry_out(task: _Task, sequence: Sequence) -> Run:
         return Run(name, sequence.name, task.variant, reason=str(error))
     run = reduced(name, sequence.name, task.variant, solution, evaluation, task.spells, task.method)
     if task.out is not None:
-        config = task.method.config(task.config)
-        write_result(task.out, solution, evaluation, degraded, to_toml(config))
-        write_sidecar(task.out, run, task.spells, task.outages.text)
+        config = to_toml(task.method.config(task.config))
+
+        def draw(draft: Path) -> None:
+            write_sidecar(draft, run, task.spells, task.outages.text)
+            if task.draw is not None:
+                task.draw(draft)
+
+        write_result(task.out, solution, evaluation, degraded, config, draw=draw)
     return run
 
 

@@ -34,7 +34,7 @@ from ...datasets.sequence import GnssObservations, Sequence
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ...velocity.range_rate import with_elevation
-from ..check.tracks import Track, tracks
+from ...velocity.tracks import Track, tracks
 
 #: What marked observations say.
 REASON = "outage (simulated)"

@@ -6,16 +6,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...filters.rotation import FloatArray
-from ..report import figures
+from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION, WIDTH
 from .comparison import Comparison, Run, SpellFigures
 
 #: Colour by what a method is at heart; line by what was added.
 _COLOURS = {
-    "gnss-only": figures.GREY, "alignment-only": "#CC79A7",
-    "certified-only": figures.GREEN, "lc4": figures.VERMILLION,
-    "lc+ddia": figures.ORANGE, "lc+rows": figures.BLUE,
+    "gnss-only": GREY, "alignment-only": "#CC79A7",
+    "certified-only": GREEN, "lc4": VERMILLION,
+    "lc+ddia": ORANGE, "lc+rows": BLUE,
 }  # fmt: skip
-_OTHERS = (figures.SKY, "#CC79A7", figures.INK)
+_OTHERS = (SKY, "#CC79A7", INK)
 _LINES = {"": "-", "+vehicle": "--", "+smooth": ":", "+vehicle+smooth": "-."}
 #: Below this nothing in a comparison of metres matters, and a logarithm needs an end [m].
 _LEAST = 0.1
@@ -38,16 +38,16 @@ def drift_figure(comparison: Comparison) -> Figure | None:
     methods = [m for m in comparison.methods if _spells(comparison, m)]
     if not methods:
         return None
-    figure = Figure(figsize=(figures.WIDTH, 0.9 + 0.27 * len(methods)))
+    figure = Figure(figsize=(WIDTH, 0.9 + 0.27 * len(methods)))
     axes = figure.subplots()
     for k, method in enumerate(methods):
         drift = np.maximum([s.drift for s in _spells(comparison, method)], _LEAST / 2)
         colour, _ = style_of(method, methods)
         axes.plot(drift, np.full(drift.size, k), "o", color=colour, markersize=4, alpha=0.35,
                   markeredgewidth=0)  # fmt: skip
-        axes.plot([np.median(drift)] * 2, [k - 0.35, k + 0.35], color=figures.INK, linewidth=1.8)
+        axes.plot([np.median(drift)] * 2, [k - 0.35, k + 0.35], color=INK, linewidth=1.8)
         rms = float(np.sqrt(np.mean(drift**2)))
-        axes.plot(rms, k, "D", color=colour, markeredgecolor=figures.INK, markersize=6)
+        axes.plot(rms, k, "D", color=colour, markeredgecolor=INK, markersize=6)
     axes.set_xscale("log")
     axes.set_yticks(range(len(methods)), methods)
     axes.invert_yaxis()
@@ -61,7 +61,7 @@ def growth_figure(comparison: Comparison) -> Figure | None:
         return None
     columns = min(4, len(methods))
     rows = -(-len(methods) // columns)
-    figure = Figure(figsize=(figures.WIDTH, 0.4 + 2.0 * rows))
+    figure = Figure(figsize=(WIDTH, 0.4 + 2.0 * rows))
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in grid.ravel()[len(methods) :]:
         axes.set_visible(False)
@@ -94,7 +94,7 @@ def track_figure(comparison: Comparison) -> Figure | None:
         return None
     columns = min(2, len(names))
     rows = -(-len(names) // columns)
-    size = (figures.WIDTH, 6.4 if columns == 1 else 0.6 + 5.0 * rows)
+    size = (WIDTH, 6.4 if columns == 1 else 0.6 + 5.0 * rows)
     figure = Figure(figsize=size)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid[len(names) :]:

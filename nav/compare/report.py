@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import json
-import os
 from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...datasets.placing import write_file
 from ...filters.earth import lla_to_ecef
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray
-from ..report import page
-from ..report.verdict import length, percent, quantity
+from ..page import document
+from ..page.quantities import length, percent, quantity
 from ..results.directory import is_result, read_result
 from ..results.summary import strict
 from .comparison import SIDECAR, Comparison, Run, as_dict, figures_of, reduced, thin_track
@@ -38,15 +38,23 @@ _STEPS = (
 )
 
 
+def check_replaceable(out: Path) -> None:
+    """Refuse (`DataError`) to write over anything but a comparison or an empty folder."""
+    if not out.exists() or (out / DATA).is_file() or (out.is_dir() and not any(out.iterdir())):
+        return
+    raise DataError(
+        "exists and is not a comparison of certnav's", file=out,
+        remedy="name another output directory, or remove this one",
+    )  # fmt: skip
+
+
 def write_page(comparison: Comparison, out: Path) -> Path:
     """Write ``comparison.html`` and ``comparison.json`` into `out`; return the page's path."""
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(strict(as_dict(comparison)), indent=2, ensure_ascii=False, allow_nan=False)
     for name, content in ((DATA, text + "\n"), (PAGE, build_page(comparison))):
-        draft = out / f".{name}.new"
-        draft.write_text(content, encoding="utf-8")
-        os.replace(draft, out / name)
+        write_file(out / name, content.encode())
     return out / PAGE
 
 
@@ -136,7 +144,7 @@ def build_page(comparison: Comparison) -> str:
             _notes_section(comparison, table),
         ]
     )
-    return page.document(f"{title}: methods compared · certnav", body)
+    return document.document(f"{title}: methods compared · certnav", body)
 
 
 def _what(comparison: Comparison) -> str:
@@ -200,7 +208,7 @@ def _drift_section(comparison: Comparison, table: dict[str, Any]) -> str:
         return ""
     head = ["method", "spells", "median", "RMS", "95 %", "largest error, RMS", "at end, median",
             "velocity, RMS", "heading, RMS"]  # fmt: skip
-    image = page.image(
+    image = document.image(
         drift_figure, comparison, "Drift per method",
         "Each dot a spell; bar: median; diamond: RMS of maxima. Logarithmic.",
     )  # fmt: skip
@@ -208,7 +216,7 @@ def _drift_section(comparison: Comparison, table: dict[str, Any]) -> str:
         "<h2>Drift per spell</h2>\n<p>How far the horizontal error has moved since the spell "
         "began, at its worst: max |e(t) − e(t₀)|. The further columns: largest horizontal error, "
         "horizontal error at the end of the spell, largest horizontal velocity error, and change "
-        f"of the heading error.</p>\n{page.table(head, rows)}\n{image}"
+        f"of the heading error.</p>\n{document.table(head, rows)}\n{image}"
     )
 
 
@@ -222,11 +230,11 @@ def _steps_section(table: dict[str, Any]) -> str:
     if not rows:
         return ""
     head = ["step", "", "drift before", "after", ""]
-    return f"<h2>What each step bought</h2>\n{page.table(head, rows, numbers_from=2)}"
+    return f"<h2>What each step bought</h2>\n{document.table(head, rows, numbers_from=2)}"
 
 
 def _growth_section(comparison: Comparison) -> str:
-    image = page.image(
+    image = document.image(
         growth_figure, comparison, "Drift against time since loss",
         "Thin: every spell; shaded: from the smallest to the largest; thick: median. Logarithmic, "
         "ends at 0.1 m.",
@@ -235,7 +243,7 @@ def _growth_section(comparison: Comparison) -> str:
 
 
 def _track_section(comparison: Comparison) -> str:
-    return "<h2>Tracks</h2>\n" + page.image(
+    return "<h2>Tracks</h2>\n" + document.image(
         track_figure, comparison, "Tracks of all methods",
         "First variant of each drive. Wide grey: what it is judged by. The map covers the "
         "reference; what leaves it is cut off.",
@@ -260,7 +268,7 @@ def _error_section(table: dict[str, Any]) -> str:
     return (
         "<h2>Errors over the whole drive</h2>\n<p>Spells and all; where there are several runs, "
         "the median of their figures. Available: epochs with a solution that is not merely the "
-        f"last one held.</p>\n{page.table(head, rows)}"
+        f"last one held.</p>\n{document.table(head, rows)}"
     )
 
 
@@ -275,7 +283,7 @@ def _consistency_section(table: dict[str, Any]) -> str:
     head = ["method", "NEES in spells (ideal 3)", "outside (ideal 3)", "NIS per dof (ideal 1)"]
     return (
         "<h2>Consistency</h2>\n<p>Mean of eᵀP⁻¹e of position, three degrees of freedom. Above 3 "
-        "the method claims more than it knows; below, less.</p>\n" + page.table(head, rows)
+        "the method claims more than it knows; below, less.</p>\n" + document.table(head, rows)
     )
 
 
@@ -292,7 +300,7 @@ def _update_section(table: dict[str, Any]) -> str:
     head = ["method", "update", "offered", "accepted", "", "NIS per dof"]
     return (
         "<h2>Updates</h2>\n<details><summary>What each method used</summary>"
-        f"{page.table(head, rows, numbers_from=2)}</details>"
+        f"{document.table(head, rows, numbers_from=2)}</details>"
     )
 
 
@@ -310,7 +318,7 @@ def _alignment_section(table: dict[str, Any]) -> str:
         return ""
     head = ["method", "windows", "passed", "heading MAE", "largest", "begin in spells",
             "of these solved", "heading MAE in spells"]  # fmt: skip
-    return f"<h2>Heading of sliding-window alignment</h2>\n{page.table(head, rows)}"
+    return f"<h2>Heading of sliding-window alignment</h2>\n{document.table(head, rows)}"
 
 
 def _notes_section(comparison: Comparison, table: dict[str, Any]) -> str:

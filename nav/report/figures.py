@@ -1,19 +1,11 @@
 """The figures of the report, each from a result that was read back.
 
-Colours are Okabe and Ito's, which stay apart for colour-blind readers and in grey. Every
-time plot shares one axis, seconds since the first solution epoch, and shades where GNSS fell
+Every time plot shares one axis, seconds since the first solution epoch, and shades where GNSS fell
 short. Lines are thinned to what a page resolves, keeping the extremes of every stretch.
 """
 
 from __future__ import annotations
 
-import base64
-import io
-import re
-from collections.abc import Callable
-from typing import TypeVar
-
-import matplotlib
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -25,47 +17,16 @@ from ...filters.earth import C_en_of, lla_to_ecef
 from ...filters.rotation import FloatArray
 from ...filters.sensors import STANDARD_GRAVITY
 from ..evaluation.accuracy import rpy_covariance, standard_deviation, usable_at
+from ..page.pictures import BLUE, GREY, INK, ORANGE, SKY, VERMILLION, WIDTH
 from ..results.directory import Result
 from ..results.formats import geodetic_and_ned
 
-T = TypeVar("T")
-
-BLUE, ORANGE, GREEN, VERMILLION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
-SKY, GREY, INK = "#56B4E9", "#8A8F98", "#1F2933"
 #: Colours of the three GNSS states of `gnss_state`, on the map; and of the shading, behind lines.
 STATE_COLOURS = (BLUE, ORANGE, VERMILLION)
 _SHADES = (None, "#FBE7BF", "#DCDFE4")
 
-#: A page is 1120 px wide; figures are drawn in inches of 100 px, so 9 pt is 12.5 px.
-WIDTH = 11.2
-_STYLE = {
-    "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 9.0,
-    "axes.labelsize": 9.0, "xtick.labelsize": 8.5, "ytick.labelsize": 8.5,
-    "legend.fontsize": 8.5, "legend.frameon": False, "legend.handlelength": 1.6,
-    "text.color": INK, "axes.labelcolor": INK, "xtick.color": INK, "ytick.color": INK,
-    "axes.edgecolor": "#A7AEB8", "axes.linewidth": 0.8, "axes.spines.top": False,
-    "axes.spines.right": False, "axes.grid": True, "grid.color": "#E4E7EB",
-    "grid.linewidth": 0.7, "axes.axisbelow": True, "axes.titlelocation": "left",
-    "lines.linewidth": 1.2, "lines.solid_joinstyle": "round", "path.simplify_threshold": 0.4,
-    "svg.hashsalt": "certnav", "figure.constrained_layout.use": True, "figure.dpi": 100.0,
-    "axes.formatter.useoffset": False, "figure.constrained_layout.wspace": 0.03,
-}  # fmt: skip
-
 _NED = ("north", "east", "down")
 _RPY = ("roll", "pitch", "heading")
-
-
-def render(draw: Callable[[T], Figure | None], shown: T) -> str | None:
-    """Return a figure as a ``data:`` address (SVG), or None where it has nothing to show."""
-    with matplotlib.rc_context(_STYLE):
-        figure = draw(shown)
-        if figure is None:
-            return None
-        buffer = io.StringIO()
-        figure.savefig(buffer, format="svg", dpi=144, metadata={"Date": None})
-    # Paths come with six decimals of a point; two are a fiftieth of a pixel and half the bytes.
-    svg = re.sub(r' d="[^"]*"', lambda d: re.sub(r"(\.\d\d)\d+", r"\1", d[0]), buffer.getvalue())
-    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode("ascii")
 
 
 def gnss_state(result: Result) -> np.ndarray:

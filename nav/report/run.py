@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import os
 from html import escape
 from pathlib import Path
 
 import numpy as np
 
 from ...datasets.gpstime import to_calendar, to_week_sow
+from ...datasets.placing import write_file
 from ..evaluation.accuracy import normalised_nis, standard_deviation
+from ..page import document
+from ..page.quantities import duration, length, quantity
 from ..results.directory import Result, read_result
-from . import figures, page
-from .verdict import duration, gate_activity, length, quantity, verdict
+from . import figures
+from .verdict import gate_activity, verdict
 
 
 def write_report(directory: Path) -> Path:
     """Build ``report.html`` from a result directory and put it there; return its path."""
     path = Path(directory) / "report.html"
-    draft = path.with_name(".report.html.new")
-    draft.write_text(build_report(read_result(directory)), encoding="utf-8")
-    os.replace(draft, path)
+    write_file(path, build_report(read_result(directory)).encode())
     return path
 
 
@@ -44,7 +44,7 @@ def build_report(result: Result) -> str:
             _run_section(result),
         ]
     )  # fmt: skip
-    return page.document(f"{result.name} · certnav", body)
+    return document.document(f"{result.name} · certnav", body)
 
 
 def _verdict(result: Result) -> str:
@@ -93,7 +93,7 @@ def _track_section(result: Result) -> str:
             f" Wide grey line: reference ({evaluation.source}), which follows the "
             f"{evaluation.point.replace('imu', 'IMU')}; the solution follows the IMU."
         )
-    image = page.image(figures.track, result, "Track of the vehicle", caption)
+    image = document.image(figures.track, result, "Track of the vehicle", caption)
     return (
         f'<h2>Track</h2>\n<div class="split"><div>{image}</div><div>{_metrics(result)}</div></div>'
     )
@@ -122,7 +122,7 @@ def _metrics(result: Result) -> str:
         ("NEES position (ideal 3)", quantity(consistency["nees_position_mean"], "")),
         ("NIS per dof (ideal 1)", quantity(consistency["nis_mean"], "")),
     ]
-    table = page.table(["Solution − reference", ""], rows)
+    table = document.table(["Solution − reference", ""], rows)
     return table + (
         f'<p class="note">{reference["epochs_compared"]} reference epochs compared, '
         f"{reference['epochs_left_out']} left out because the solution does not cover them.</p>"
@@ -143,7 +143,7 @@ def _claims(result: Result) -> str:
     rows.append(
         ("NIS per dof (ideal 1)", quantity(result.evaluation.consistency["nis_mean"], ""), "")
     )
-    return page.table(["The filter claims", "median", "largest"], rows) + (
+    return document.table(["The filter claims", "median", "largest"], rows) + (
         '<p class="note">No reference: there is nothing to compare these claims with.</p>'
     )
 
@@ -153,7 +153,7 @@ def _satellite_section(result: Result) -> str:
         "Dashed: 4, below which there is no position, and 2, below which there is no velocity. "
         "Shaded in this and every later plot: where fewer than 4 were usable."
     )
-    image = page.image(figures.satellites, result, "Satellites over time", caption)
+    image = document.image(figures.satellites, result, "Satellites over time", caption)
     if not image:
         image = (
             "<p>No satellite observations in this run; plots are shaded where no position was "
@@ -191,7 +191,7 @@ def _attitude_caption(result: Result) -> str:
 
 
 def _figure_section(title: str, draw, result: Result, caption: str) -> str:
-    return f"<h2>{title}</h2>\n{page.image(draw, result, f'{title} over time', caption)}"
+    return f"<h2>{title}</h2>\n{document.image(draw, result, f'{title} over time', caption)}"
 
 
 def _update_section(result: Result) -> str:
@@ -203,9 +203,11 @@ def _update_section(result: Result) -> str:
         although = counts.get("accepted_although", {})
         rows += [("", reason, "", n, "", "") for reason, n in although.items()]
     headings = ["update", "reason", "offered", "accepted", "not used", "NIS per dof"]
-    table = page.table(headings, rows, numbers_from=2) if rows else "<p>No update was offered.</p>"
+    table = (
+        document.table(headings, rows, numbers_from=2) if rows else "<p>No update was offered.</p>"
+    )
     gates = "".join(f"<li>{escape(s[0].upper() + s[1:])}</li>" for s in gate_activity(result))
-    image = page.image(
+    image = document.image(
         figures.innovations,
         result,
         "Whitened innovations of each kind of update",

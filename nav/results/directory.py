@@ -15,28 +15,27 @@ config.toml            the configuration in force
 summary.json           figures of the run; strict JSON, what is not known is null
 report.html            all of it for people, unless it was left out
 solution.pos …         exports that were asked for (`nav.results.formats`)
-SHA256SUMS             for ``sha256sum --check SHA256SUMS`` (`nav.results.placing`)
+SHA256SUMS             checksums of all these: ``sha256sum --check SHA256SUMS`` (`datasets.placing`)
 =====================  ========================================================================
 """
 
 from __future__ import annotations
 
 import json
-import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...datasets.placing import SEAL, current, seal, written_whole
 from ...datasets.sequence import Sequence
 from ...filters.errors import DataError
 from ..evaluation.accuracy import Evaluation, without_reference
 from ..notes import Note
 from ..solution import AlignmentReport, Solution
 from .formats import check_formats, write_formats
-from .placing import SEAL, clean, current, new_draft, place
 from .summary import strict, summarise
 from .tables import (
     read_attempts,
@@ -91,13 +90,10 @@ def write_result(
     config_text: str,
     formats: Iterable[str] = (),
     *,
-    report: bool = True,
+    draw: Callable[[Path], object] | None = None,
     table: bool = True,
 ) -> Path:
-    """Write the result directory `out` completely or not at all.
-
-    Everything is written beside `out` and then renamed into place; an earlier result there is
-    replaced.
+    """Write the result directory `out` completely or not at all; an earlier result is replaced.
 
     Parameters
     ----------
@@ -110,8 +106,9 @@ def write_result(
         Configuration in force, as TOML.
     formats : iterable of str
         Exports to add, keys of `nav.results.formats.FORMATS`.
-    report : bool
-        Whether to draw report.html; it takes longer than all else.
+    draw : callable, optional
+        Adds pages to the directory once all else is in it, for example
+        `nav.report.run.write_report`; it takes longer than all else.
     table : bool
         Whether to write solution.csv; without it the directory cannot be read back.
 
@@ -128,10 +125,8 @@ def write_result(
         If a format is unknown.
     """
     out, formats = Path(out).resolve(), check_formats(formats)
-    clean(out)
     check_replaceable(out)
-    draft = new_draft(out)
-    try:
+    with written_whole(out) as draft:
         if table:
             write_solution(draft / "solution.csv", solution.trajectory)
         write_updates(draft / "updates.csv", solution.updates)
@@ -145,14 +140,9 @@ def write_result(
         text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
         (draft / "summary.json").write_text(text + "\n", encoding="utf-8")
         write_formats(draft, formats, solution.trajectory, solution.epochs)
-        if report:
-            from ..report.run import write_report  # matplotlib is slow to import
-
-            write_report(draft)
-        place(draft, out)
-    except BaseException:
-        shutil.rmtree(draft, ignore_errors=True)
-        raise
+        if draw is not None:
+            draw(draft)
+        seal(draft)
     return out
 
 

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import shutil
-import tempfile
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -14,12 +11,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...datasets.placing import written_whole
 from ...filters.errors import DataError
-from ..report import page
+from ..page import document
+from ..page.pictures import BLUE, GREEN, ORANGE
 from .tuning import PAPER, Tuning
 
-#: Okabe–Ito: distinguishable with any colour vision.
-_BLUE, _ORANGE, _GREEN, _GREY = "#0072B2", "#E69F00", "#009E73", "#999999"
+_GREY = "#999999"
 _K_NAMES = {"sdv": "|SDV·RMD|", "cosine": "the cosine between SDV and direction of motion"}
 _FILES = ("thresholds.toml", "tuning.json", "tuning.html", "trade_off.png", "heat_map.png")
 
@@ -39,9 +37,7 @@ def write_tuning(tuning: Tuning, out: str | Path) -> Path:
             raise DataError(
                 "exists and is not a tuning result", file=out, remedy="choose another --out"
             )
-    out.parent.mkdir(parents=True, exist_ok=True)
-    draft = Path(tempfile.mkdtemp(prefix=f".{out.name}.", suffix=".new", dir=out.parent))
-    try:
+    with written_whole(out) as draft:
         (draft / "thresholds.toml").write_text(thresholds_toml(tuning), encoding="utf-8")
         text = json.dumps(as_dict(tuning), indent=1, allow_nan=False)
         (draft / "tuning.json").write_text(text + "\n", encoding="utf-8")
@@ -49,13 +45,6 @@ def write_tuning(tuning: Tuning, out: str | Path) -> Path:
         for name, figure in pictures.items():
             figure.savefig(draft / f"{name}.png", dpi=120)
         (draft / "tuning.html").write_text(_page(tuning), encoding="utf-8")
-        draft.chmod(0o755)
-        if out.exists():
-            shutil.rmtree(out)
-        os.replace(draft, out)
-    except BaseException:
-        shutil.rmtree(draft, ignore_errors=True)
-        raise
     return out
 
 
@@ -169,18 +158,18 @@ def trade_off_figure(tuning: Tuning) -> Figure:
     axes.plot(kept[known], rms[known], ".", color=_GREY, ms=3, label="every combination")
     front = tuning.pareto & known
     order = np.argsort(kept[front])
-    axes.plot(kept[front][order], rms[front][order], color=_BLUE, lw=1.6, label="Pareto front")
+    axes.plot(kept[front][order], rms[front][order], color=BLUE, lw=1.6, label="Pareto front")
     best = tuning.at(t.min_cn0_dbhz, t.min_k)
     if best is not None:
         label = f"taken: C/N0 > {t.min_cn0_dbhz:g} dB-Hz, k > {t.min_k:g}"
-        axes.plot(100 * best[1], best[0], "o", color=_ORANGE, ms=9, label=label)
+        axes.plot(100 * best[1], best[0], "o", color=ORANGE, ms=9, label=label)
     axes.plot(
-        100 * tuning.cv_retention, tuning.cv_rms, "x", color=_ORANGE, ms=9, mew=2,
+        100 * tuning.cv_retention, tuning.cv_rms, "x", color=ORANGE, ms=9, mew=2,
         label=f"cross-validated over {tuning.folds_by}",
     )  # fmt: skip
     paper = tuning.at(*PAPER)
     if paper is not None and np.isfinite(paper[0]):
-        axes.plot(100 * paper[1], paper[0], "D", color=_GREEN, ms=7,
+        axes.plot(100 * paper[1], paper[0], "D", color=GREEN, ms=7,
                   label=f"paper: {PAPER[0]:g} dB-Hz, {PAPER[1]:g}")  # fmt: skip
     if tuning.min_kept:
         axes.axvline(100 * tuning.min_kept, color="black", lw=0.8, ls="--")
@@ -205,7 +194,7 @@ def heat_map_figure(tuning: Tuning) -> Figure:
         mesh = axes.pcolormesh(
             tuning.k, tuning.snr, np.ma.masked_invalid(values), cmap="viridis", shading="nearest"
         )
-        axes.plot(t.min_k, t.min_cn0_dbhz, "o", mfc="none", mec=_ORANGE, ms=11, mew=2)
+        axes.plot(t.min_k, t.min_cn0_dbhz, "o", mfc="none", mec=ORANGE, ms=11, mew=2)
         axes.set(xlabel="k = |SDV·RMD| above", ylabel="C/N0 above [dB-Hz]", title=title)
         figure.colorbar(mesh, ax=axes)
     return figure
@@ -227,10 +216,10 @@ def _page(tuning: Tuning) -> str:
         f'<p class="meta">{escape(_names(tuning))} · objective {tuning.objective}</p>',
         f'<p class="verdict">{escape(verdict)}</p>',
         "<h2>Trade-off</h2>",
-        page.image(trade_off_figure, tuning, "RMS against retention", ""),
-        page.image(heat_map_figure, tuning, "RMS and retention over thresholds", ""),
+        document.image(trade_off_figure, tuning, "RMS against retention", ""),
+        document.image(heat_map_figure, tuning, "RMS and retention over thresholds", ""),
         f"<h2>Cross-validation over {tuning.folds_by}</h2>",
-        page.table(
+        document.table(
             ["left out", "C/N0 [dB-Hz]", "k", f"RMS [{tuning.unit}]", "retained"],
             [
                 [f.left_out, f"{f.snr:g}", f"{f.k:g}", f"{f.rms:.3g}", f"{f.retention:.0%}"]
@@ -240,7 +229,7 @@ def _page(tuning: Tuning) -> str:
         *_statistics(tuning),
         *(f'<p class="note">{escape(note)}</p>' for note in tuning.notes),
     ]
-    return page.document("Thresholds · certnav", "\n".join(body))
+    return document.document("Thresholds · certnav", "\n".join(body))
 
 
 def _statistics(tuning: Tuning) -> list[str]:
@@ -258,12 +247,12 @@ def _statistics(tuning: Tuning) -> list[str]:
         ]  # fmt: skip
         head = ["pairs", "number", "k ≤ 0.05", "RMS [m/s]", "> 3 RMS", "RMS without [m/s]",
                 "C/N0 [dB-Hz]", "rank corr. k", "rank corr. C/N0"]  # fmt: skip
-        out += ["<h2>Statistics</h2>", page.table(head, rows)]
+        out += ["<h2>Statistics</h2>", document.table(head, rows)]
     if tuning.noise:
         rows = [
             [name, f"{f.noise.floor:.3f}", f"{f.noise.sigma_45:.3f}", f"{f.noise.decade_db:.1f}"]
             for name, f in tuning.noise.items()
         ]
         head = ["Doppler noise", "floor [m/s]", "at 45 dB-Hz [m/s]", "tenfold per [dB]"]
-        out += ["<h2>Receivers</h2>", page.table(head, rows)]
+        out += ["<h2>Receivers</h2>", document.table(head, rows)]
     return out

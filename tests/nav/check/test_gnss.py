@@ -10,7 +10,7 @@ import pytest
 from certnav.datasets.sequence import GnssFixes, GnssObservations
 from certnav.filters.earth import SPEED_OF_LIGHT, C_en_at, lla_to_ecef
 from certnav.nav.check.gnss import doppler, fixes, pseudoranges, signal_strength
-from certnav.nav.check.tracks import Track, Tracks
+from certnav.velocity.tracks import Track, Tracks
 
 LAT, LON = np.radians([48.0, 11.0])
 NOTHING = Tracks(None, None, None, None)

@@ -10,7 +10,7 @@ import pytest
 from certnav.datasets.sequence import ImuData
 from certnav.filters.sensors import STANDARD_GRAVITY, imu_preset
 from certnav.nav.check.inertial import frozen, gravity, noise, sampling, saturated
-from certnav.nav.check.tracks import Track
+from certnav.velocity.tracks import Track
 
 RATE = 100.0
 

@@ -16,7 +16,7 @@ from certnav.nav.check.motion import (
     offset_findings,
     time_offset,
 )
-from certnav.nav.check.tracks import Track
+from certnav.velocity.tracks import Track
 
 POSITION = np.radians([48.0, 11.0])
 

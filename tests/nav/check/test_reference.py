@@ -12,7 +12,7 @@ from certnav.filters.earth import C_en_at, lla_to_ecef
 from certnav.filters.rotation import matrix_from_rpy
 from certnav.filters.sensors import imu_preset
 from certnav.nav.check.reference import reference_findings
-from certnav.nav.check.tracks import tracks
+from certnav.velocity.tracks import tracks
 
 ORIGIN = np.radians([48.0, 11.0])
 LEVER = np.array([-0.65, -0.05, -0.15])

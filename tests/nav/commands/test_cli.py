@@ -1,5 +1,6 @@
 """The command line as a user meets it: results on good input, one line on bad input."""
 
+import importlib
 import json
 import shutil
 import subprocess
@@ -11,6 +12,7 @@ import pytest
 
 from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.simulation.simulator import SimulationConfig
+from certnav.nav.commands import cli
 from certnav.nav.commands.cli import main
 from certnav.nav.results.directory import read_result
 
@@ -262,7 +264,7 @@ def test_simulate_and_refusal_to_overwrite(tmp_path, capsys):
 def test_a_run_imports_nothing_slow_that_it_may_not_need():
     """Each of these takes longer to import than minutes of data to navigate."""
     code = (
-        "import sys, certnav.nav.commands.run, certnav.datasets.load as load\n"
+        "import sys, certnav.nav.commands.navigation, certnav.datasets.load as load\n"
         "for kind in load.formats().values(): kind.detect, kind.read\n"
         "print(sorted(set(sys.modules) & {'pandas', 'filterpy', 'scipy.stats', 'scipy.special',"
         " 'scipy.spatial', 'scipy.interpolate', 'matplotlib', 'pyrtklib5', 'joblib', 'rich'}))"
@@ -271,6 +273,19 @@ def test_a_run_imports_nothing_slow_that_it_may_not_need():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
     )
     assert done.stdout.strip() == "[]"
+
+
+def test_every_command_is_a_module_of_one_pattern(capsys):
+    folder = Path(cli.__file__).parent
+    parsed = {f.stem for f in folder.glob("*.py") if "def add_arguments(" in f.read_text()}
+    assert parsed == set(cli.COMMANDS)
+    for name in cli.COMMANDS:
+        with pytest.raises(SystemExit) as left:
+            main([name, "--help"])
+        assert left.value.code == 0
+        said = " ".join(capsys.readouterr().out.split())
+        module = importlib.import_module(f"certnav.nav.commands.{name}")
+        assert module.DESCRIPTION.split(":")[0].split(".")[0] in said and callable(module.run)
 
 
 def test_help_is_instant():

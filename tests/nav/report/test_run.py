@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from certnav.nav.evaluation.accuracy import evaluate
+from certnav.nav.page.pictures import render
 from certnav.nav.report import figures
-from certnav.nav.report import run as report_module
 from certnav.nav.report.run import write_report
 from certnav.nav.report.verdict import gate_activity, verdict
 from certnav.nav.results.directory import read_result, write_result
@@ -64,8 +64,9 @@ def report(drive, tmp_path):
         solution, sequence = drive(**knobs)
         solution = change(solution)
         out = write_result(
-            tmp_path / "run", solution, evaluate(solution, sequence), sequence, CONFIG
-        )
+            tmp_path / "run", solution, evaluate(solution, sequence), sequence, CONFIG,
+            draw=write_report,
+        )  # fmt: skip
         text = (out / "report.html").read_text(encoding="utf-8")
         return read_result(out), Page(text), text
 
@@ -73,13 +74,12 @@ def report(drive, tmp_path):
 
 
 @pytest.fixture
-def result(drive, tmp_path, monkeypatch):
+def result(drive, tmp_path):
     """Run a made-up drive through to its result, without drawing the report."""
 
     def make(change=lambda solution: solution, **knobs):
         solution, sequence = drive(**knobs)
         solution = change(solution)
-        monkeypatch.setattr(report_module, "write_report", lambda directory: directory)
         out = write_result(
             tmp_path / "run", solution, evaluate(solution, sequence), sequence, CONFIG
         )
@@ -153,7 +153,8 @@ def test_reference_without_attitude_and_with_a_hole(drive, tmp_path):
     solution = dataclasses.replace(solution, trajectory=type(solution.trajectory)(**columns))
     blind = dataclasses.replace(sequence.reference, rpy=np.full((301, 3), np.nan))
     sequence = dataclasses.replace(sequence, reference=blind)
-    out = write_result(tmp_path / "x", solution, evaluate(solution, sequence), sequence, CONFIG)
+    evaluation = evaluate(solution, sequence)
+    out = write_result(tmp_path / "x", solution, evaluation, sequence, CONFIG, draw=write_report)
     page = Page((out / "report.html").read_text(encoding="utf-8"))
     assert "51 left out" in page.text and len(page.images) == 7
 
@@ -167,7 +168,7 @@ def test_report_is_rebuilt_from_the_directory_alone(report):
 
 def test_drawing_leaves_matplotlib_as_it_was(result):
     before = dict(matplotlib.rcParams)
-    assert figures.render(figures.satellites, result(duration=5.0)) is not None
+    assert render(figures.satellites, result(duration=5.0)) is not None
     assert dict(matplotlib.rcParams) == before
 
 

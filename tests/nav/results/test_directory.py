@@ -8,10 +8,10 @@ import json
 import numpy as np
 import pytest
 
+from certnav.datasets.placing import SEAL, broken_seals
 from certnav.filters.errors import ConfigError, DataError
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.notes import plain
-from certnav.nav.report import run as report_module
 from certnav.nav.report.figures import gnss_state, satellites
 from certnav.nav.results.directory import is_result, read_result, write_result
 from certnav.nav.results.summary import count_updates, strict
@@ -20,13 +20,7 @@ from certnav.nav.solution import Epochs, Update
 CONFIG = 'name = "made-up"\n[gate]\nposition = 16.27\n'
 
 
-@pytest.fixture
-def quick(monkeypatch):
-    """Leave the report out, which other tests look at."""
-    monkeypatch.setattr(report_module, "write_report", lambda directory: directory)
-
-
-def test_what_a_certified_start_knows_comes_back(drive, tmp_path, quick):
+def test_what_a_certified_start_knows_comes_back(drive, tmp_path):
     solution, sequence = drive()
     attempts = ((1331510405.0, "not aligned: no heading, needs a turn"), (1331510406.0, "±1.2°"))
     verdicts = (("optimal", 'proved, "gap" 1e-13'), ("bounded", "attitude within 4°"))
@@ -43,7 +37,7 @@ def test_what_a_certified_start_knows_comes_back(drive, tmp_path, quick):
 
 
 @pytest.fixture
-def written(drive, tmp_path, quick):
+def written(drive, tmp_path):
     solution, sequence = drive(lever_b=(1.0, 0.2, -0.8))
     evaluation = evaluate(solution, sequence)
     out = write_result(tmp_path / "run", solution, evaluation, sequence, CONFIG, ("nav",))
@@ -89,7 +83,7 @@ def test_everything_comes_back(written):
     assert result.solution.timing == solution.timing
 
 
-def test_standard_deviations_survive_a_tilted_attitude(drive, tmp_path, quick):
+def test_standard_deviations_survive_a_tilted_attitude(drive, tmp_path):
     """The written roll, pitch, heading σ are those read back, whatever the correlations were."""
     solution, sequence = drive(duration=5.0, reference=False)
     A = np.random.default_rng(2).normal(size=(3, 3)) * 1e-2
@@ -127,7 +121,7 @@ def test_summary_has_its_keys_and_is_strict(written):
         assert counts["offered"] == counts["accepted"] + sum(counts["rejected"].values())
 
 
-def test_satellites_that_fixes_do_not_count_are_unknown_not_missing(drive, tmp_path, quick):
+def test_satellites_that_fixes_do_not_count_are_unknown_not_missing(drive, tmp_path):
     solution, sequence = drive(duration=20.0, observations=False)
     time = np.array([u.time for u in solution.updates])
     unknown = Epochs(time, np.full(time.size, -1), np.full(time.size, -1))
@@ -139,7 +133,7 @@ def test_satellites_that_fixes_do_not_count_are_unknown_not_missing(drive, tmp_p
     assert (gnss_state(result) == 0).mean() > 0.9
 
 
-def test_without_reference_errors_are_null_and_there_is_no_error_table(drive, tmp_path, quick):
+def test_without_reference_errors_are_null_and_there_is_no_error_table(drive, tmp_path):
     solution, sequence = drive(duration=20.0, reference=False, observations=False)
     out = write_result(tmp_path / "x", solution, evaluate(solution, sequence), sequence, CONFIG)
     assert not (out / "reference_errors.csv").exists()
@@ -177,18 +171,26 @@ def test_nothing_but_a_result_is_replaced(written, tmp_path):
     assert is_result(write_result(empty, *rest, CONFIG))
 
 
-def test_a_failure_leaves_the_earlier_result_and_no_debris(written, monkeypatch):
+def test_a_failure_leaves_the_earlier_result_and_no_debris(written):
     out, *rest = written
 
     def fail(directory):
         assert (directory / "summary.json").exists()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(report_module, "write_report", fail)
     with pytest.raises(KeyboardInterrupt):
-        write_result(out, *rest, "name = 'half'\n")
+        write_result(out, *rest, "name = 'half'\n", draw=fail)
     assert read_result(out).config_text == CONFIG
     assert [p.name for p in out.parent.iterdir()] == ["run"]
+
+
+def test_what_is_drawn_into_a_result_is_sealed_with_it(drive, tmp_path):
+    solution, sequence = drive(duration=20.0)
+    out = write_result(
+        tmp_path / "run", solution, evaluate(solution, sequence), sequence, CONFIG,
+        draw=lambda draft: (draft / "page.html").write_text("<p>"),
+    )  # fmt: skip
+    assert "page.html" in (out / SEAL).read_text() and broken_seals(out) == []
 
 
 def test_unknown_format_is_refused_before_anything_is_written(written, tmp_path):

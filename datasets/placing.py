@@ -1,11 +1,14 @@
-"""Directories that appear whole: written beside their place, sealed, and put there in one move.
+"""Directories and files that appear whole: written beside their place and put there in one move.
 
-A directory is written under a name of its own, ``.NAME.PID-….new``, its files and their checksums
-are flushed to the disk, and it is exchanged with what is at its place: by one system call where
-there is one (Linux), so that there is the old or the new directory at any time; elsewhere by two
-renames, between which there is none, and the old one is found as ``.NAME.PID-….old``. A process
-that is killed on the way leaves the old directory or the new one, and perhaps a draft, which
-`clean` of the next run takes away.
+    with written_whole(out) as draft:
+        (draft / "a.csv").write_text(…)
+
+A directory is written under a name of its own, ``.NAME.PID-….new``, its files are flushed to the
+disk, and it is exchanged with what is at its place: by one system call where there is one (Linux),
+so that there is the old or the new directory at any time; elsewhere by two renames, between which
+there is none, and the old one is found as ``.NAME.PID-….old``. A process that is killed on the way
+leaves the old directory or the new one, and perhaps a draft, which `clean` of the next run takes
+away. A file is replaced by one rename.
 """
 
 from __future__ import annotations
@@ -17,6 +20,8 @@ import os
 import re
 import shutil
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 #: Checksums of all other files, in the form ``sha256sum --check`` reads.
@@ -24,20 +29,61 @@ SEAL = "SHA256SUMS"
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
 
+@contextmanager
+def written_whole(out: str | Path) -> Iterator[Path]:
+    """Give an empty directory to write into, which stands at `out` when the context ends.
+
+    What is raised in the context leaves `out` as it was, and no draft.
+
+    Parameters
+    ----------
+    out : path
+        What is there is replaced; whether that may be is for the caller to know.
+
+    Yields
+    ------
+    Path
+        The draft, beside `out`.
+    """
+    out = Path(out).resolve()  # what a link points to is replaced, not the link
+    clean(out)
+    draft = new_draft(out)
+    try:
+        yield draft
+        place(draft, out)
+    except BaseException:
+        shutil.rmtree(draft, ignore_errors=True)
+        raise
+
+
+def write_file(path: Path, *parts: bytes | memoryview) -> None:
+    """Write a file whole or not at all: under another name, then in one move."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".new")
+    draft = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.writelines(parts)
+        _open_to_others(draft, 0o666)
+        draft.replace(path)
+    except BaseException:
+        draft.unlink(missing_ok=True)
+        raise
+
+
 def new_draft(out: Path) -> Path:
     """Make an empty directory beside `out`, to be filled and then placed."""
     out.parent.mkdir(parents=True, exist_ok=True)
     prefix = f".{out.name}.{os.getpid()}-"
     draft = Path(tempfile.mkdtemp(prefix=prefix, suffix=".new", dir=out.parent))
-    umask = os.umask(0)
-    os.umask(umask)
-    draft.chmod(0o777 & ~umask)  # mkdtemp makes it private
+    _open_to_others(draft, 0o777)
     return draft
 
 
 def place(draft: Path, out: Path) -> None:
-    """Seal a draft and put it at `out`; what was there is removed."""
-    seal(draft)
+    """Flush a draft to the disk and put it at `out`; what was there is removed."""
+    for path in sorted(draft.rglob("*"), reverse=True):  # what is in a directory before itself
+        _flush(path)
+    _flush(draft)
     if not out.exists():
         draft.rename(out)
     elif exchange(draft, out):
@@ -69,14 +115,9 @@ def exchange(a: Path, b: Path) -> bool:
 
 
 def seal(directory: Path) -> None:
-    """Write the checksums of all files of a directory, and flush everything to the disk."""
-    lines = []
-    for file in sorted(directory.iterdir()):
-        lines.append(f"{_checksum(file)}  {file.name}\n")
-        _flush(file)
+    """Write the checksums of all files of a directory."""
+    lines = [f"{_checksum(file)}  {file.name}\n" for file in sorted(directory.iterdir())]
     (directory / SEAL).write_text("".join(lines), encoding="utf-8")
-    _flush(directory / SEAL)
-    _flush(directory)
 
 
 def broken_seals(directory: Path) -> list[str]:
@@ -132,6 +173,13 @@ def _alive(pid: int) -> bool:
     except PermissionError:
         return True
     return True
+
+
+def _open_to_others(path: Path, mode: int) -> None:
+    """Give what `tempfile` made for one user the mode that anything new has."""
+    umask = os.umask(0)
+    os.umask(umask)
+    path.chmod(mode & ~umask)
 
 
 def _checksum(file: Path) -> str:

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...datasets.sequence import GnssObservations, Sequence
-from ...filters.earth import C_en_of
-from ...filters.rotation import FloatArray
-from ...velocity.least_squares import doppler_velocities
-from ...velocity.range_rate import line_of_sight
+from ..datasets.sequence import GnssObservations, Sequence
+from ..filters.earth import C_en_of
+from ..filters.rotation import FloatArray
+from .least_squares import doppler_velocities
+from .range_rate import line_of_sight
 
 #: A Doppler velocity counts if this many rows more than needed have checked it …
 _MIN_REDUNDANCY = 2

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from matplotlib.figure import Figure
 
-from .figures import render
+from .pictures import render
 
 T = TypeVar("T")
 

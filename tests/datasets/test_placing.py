@@ -1,4 +1,4 @@
-"""Directories appear whole: at every step of placing one, a reader finds the old or the new."""
+"""What is placed appears whole: at every step a reader finds the old or the new."""
 
 import os
 import subprocess
@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from certnav.nav.results import placing
-from certnav.nav.results.placing import (
+from certnav.datasets import placing
+from certnav.datasets.placing import (
     SEAL,
     broken_seals,
     clean,
@@ -16,6 +16,8 @@ from certnav.nav.results.placing import (
     new_draft,
     place,
     seal,
+    write_file,
+    written_whole,
 )
 
 
@@ -23,6 +25,12 @@ def filled(out, text):
     draft = new_draft(out)
     (draft / "a.csv").write_text(f"{text}\n" * 100)
     (draft / "b.json").write_text(text)
+    return draft
+
+
+def sealed(out, text):
+    draft = filled(out, text)
+    seal(draft)
     return draft
 
 
@@ -44,7 +52,7 @@ def test_the_new_replaces_the_old_and_nothing_is_left(tmp_path, monkeypatch, can
         monkeypatch.setattr(placing, "exchange", lambda a, b: False)
     out = tmp_path / "run"
     for text in ("one", "two", "three"):
-        place(filled(out, text), out)
+        place(sealed(out, text), out)
         assert content(out) == text and broken_seals(out) == []
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
@@ -62,7 +70,7 @@ def test_exchange_is_both_ways(tmp_path):
 def test_dying_at_any_step_leaves_the_old_or_the_new(tmp_path, monkeypatch, step):
     """Each system call of the move is the last: what is there reads as old or new, whole."""
     out = tmp_path / "run"
-    place(filled(out, "old"), out)
+    place(sealed(out, "old"), out)
 
     class Died(BaseException):
         pass
@@ -87,7 +95,7 @@ def test_dying_at_any_step_leaves_the_old_or_the_new(tmp_path, monkeypatch, step
         monkeypatch.setattr(*((placing, "exchange") if step == "exchange" else
                               (placing.shutil, "rmtree")), dies)  # fmt: skip
     with pytest.raises(Died):
-        place(filled(out, "new"), out)
+        place(sealed(out, "new"), out)
     monkeypatch.undo()
     assert seen == [content(out)] == ["new" if step == "rmtree" else "old"]
     assert broken_seals(current(out)) == []
@@ -95,8 +103,8 @@ def test_dying_at_any_step_leaves_the_old_or_the_new(tmp_path, monkeypatch, step
 
 def test_the_next_run_cleans_up_after_dead_ones(tmp_path, dead):
     out = tmp_path / "run"
-    place(filled(out, "old"), out)
-    mine, his = new_draft(out), filled(out, "half").rename(tmp_path / f".run.{dead}-x.new")
+    place(sealed(out, "old"), out)
+    mine, his = new_draft(out), sealed(out, "half").rename(tmp_path / f".run.{dead}-x.new")
     other = tmp_path / f".running.{dead}-x.new"
     other.mkdir()
     clean(out)
@@ -106,7 +114,7 @@ def test_the_next_run_cleans_up_after_dead_ones(tmp_path, dead):
 
 def test_what_a_dead_run_moved_aside_is_found_and_put_back(tmp_path, dead):
     out = tmp_path / "run"
-    place(filled(out, "old"), out)
+    place(sealed(out, "old"), out)
     out.rename(tmp_path / f".run.{dead}-x.old")
     assert content(out) == "old"
     clean(out)
@@ -140,5 +148,44 @@ def test_permissions_are_those_of_the_umask(tmp_path):
     before = os.umask(0o027)
     try:
         assert new_draft(tmp_path / "x").stat().st_mode & 0o777 == 0o750
+        write_file(tmp_path / "page", b"")
+        assert (tmp_path / "page").stat().st_mode & 0o777 == 0o640
     finally:
         os.umask(before)
+
+
+def test_what_is_written_whole_may_have_folders_and_replaces_what_a_link_points_to(tmp_path):
+    (tmp_path / "disk").mkdir()
+    link = tmp_path / "run"
+    link.symlink_to(tmp_path / "disk" / "run")
+    for text in ("one", "two"):
+        with written_whole(link) as draft:
+            (draft / "deep" / "er").mkdir(parents=True)
+            (draft / "deep" / "er" / "b.json").write_text(text)
+        assert link.is_symlink() and (link / "deep" / "er" / "b.json").read_text() == text
+    assert [p.name for p in (tmp_path / "disk").iterdir()] == ["run"]
+
+
+def test_a_failure_while_writing_leaves_the_old_whole(tmp_path):
+    out = tmp_path / "run"
+    place(sealed(out, "old"), out)
+    with pytest.raises(KeyboardInterrupt), written_whole(out) as draft:
+        (draft / "b.json").write_text("new")
+        raise KeyboardInterrupt
+    assert content(out) == "old" and broken_seals(out) == []
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
+    page = tmp_path / "page.html"
+    write_file(page, b"one ", memoryview(b"page"))
+    assert page.read_bytes() == b"one page"
+
+    def full(*_):
+        raise OSError("disk full")
+
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="disk full"):
+        patch.setattr(placing, "_open_to_others", full)
+        write_file(page, b"another")
+    assert page.read_bytes() == b"one page"
+    assert [p.name for p in tmp_path.iterdir()] == ["page.html"]

@@ -1,0 +1,135 @@
+"""One recording from its folder to its result directory, and what is said about it."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from pathlib import Path
+
+from ...datasets.cache import kept_in
+from ...datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
+from ...datasets.load import load
+from ...datasets.sequence import Sequence
+from ...filters.errors import DataError
+from ..check.recording import check_sequence
+from ..config import Config, to_toml
+from ..evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
+from ..notes import Note
+from ..pipeline import navigate
+from ..results.directory import check_replaceable, write_result
+from ..solution import Solution
+from .progress import announce_kernels, progress
+
+
+def navigate_folder(
+    path: Path,
+    config: Config,
+    out: Path | None = None,
+    formats: tuple[str, ...] = (),
+    start: float | None = None,
+    end: float | None = None,
+    checked: bool = True,
+    report_page: bool = True,
+    table: bool = True,
+) -> Path:
+    """Load, check, navigate, evaluate, write the result directory, and print the summary."""
+    began = time.perf_counter()
+    if out is not None:
+        check_replaceable(out)
+    announce_kernels()
+    with progress() as report, kept_in(cache_folder(out)):
+        report(0.0, "reading")
+        sequence = cut(load(path, **config.data), start, end)
+        out = Path("results") / sequence.name if out is None else out
+        check_replaceable(out)
+        found = _checked(sequence, config) if checked else ()
+        read = time.perf_counter() - began
+        solution = navigate(sequence, config, report)
+        solution = dataclasses.replace(solution, notes=(*found, *solution.notes))
+        report(1.0, "evaluation and report")
+        solution, evaluation = judged(solution, sequence)
+        solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
+        write_result(
+            out, solution, evaluation, sequence, to_toml(config), formats,
+            draw=_draw if report_page else None, table=table,
+        )  # fmt: skip
+    _print_summary(solution, evaluation, sequence, out)
+    return out
+
+
+def _draw(draft: Path) -> None:
+    from ..report.run import write_report  # matplotlib is slow to import
+
+    write_report(draft)
+
+
+def cache_folder(out: Path | None) -> Path:
+    """Return where readers keep what is slow to read: beside the result."""
+    return (Path("results/result") if out is None else out).parent / ".certnav-cache"
+
+
+def judged(solution: Solution, sequence: Sequence) -> tuple[Solution, Evaluation]:
+    """Return the solution with its evaluation; one that cannot be made is a note, not a loss."""
+    try:
+        return solution, evaluate(solution, sequence)
+    except DataError as error:
+        said = Note("doubtful", f"not compared with the reference: {error}")
+        notes = (*solution.notes, said)
+        nis = normalised_nis(solution.updates)
+        return dataclasses.replace(solution, notes=notes), without_reference(nis)
+
+
+def _checked(sequence: Sequence, config: Config) -> tuple[Note, ...]:
+    """Return what is doubtful; refuse what is fatal."""
+    findings = check_sequence(sequence, config.gnss)
+    for finding in findings:
+        if finding.severity == "fatal":
+            raise DataError(
+                f"{sequence.name}: {finding.subject}: {finding.found}", remedy=finding.remedy
+            )
+    return tuple(
+        Note("doubtful", f"{f.subject}: {f.found}") for f in findings if f.severity == "doubtful"
+    )
+
+
+def cut(sequence: Sequence, start: float | None, end: float | None) -> Sequence:
+    """Return the part between two times given as seconds of week, or as GPS seconds."""
+    if start is None and end is None:
+        return sequence
+    first, last = sequence.span
+    week = int(to_week_sow(first)[0]) if sequence.time_scale == "gps" else 0
+
+    def full(value: float) -> float:
+        return value + week * SECONDS_PER_WEEK if value < SECONDS_PER_WEEK else value
+
+    return sequence.between(
+        first if start is None else full(start), last if end is None else full(end)
+    )
+
+
+def _print_summary(
+    solution: Solution, evaluation: Evaluation, sequence: Sequence, out: Path
+) -> None:
+    span = solution.trajectory.time[-1] - solution.trajectory.time[0]
+    print(f"{solution.name}: {span:.0f} s navigated, {len(sequence.inertial)} IMU samples")
+    print(f"  alignment   {solution.alignment.message}, after {solution.alignment.waited:.0f} s")
+    counts: dict[str, list[int]] = {}
+    for update in solution.updates:
+        entry = counts.setdefault(update.kind, [0, 0])
+        entry[0] += update.accepted
+        entry[1] += 1
+    for kind, (accepted, offered) in counts.items():
+        print(f"  {kind:<11} {accepted} of {offered} updates used")
+    m = evaluation.metrics
+    if m["horizontal_rms_m"] is not None:
+        print(
+            f"  horizontal  RMS {m['horizontal_rms_m']:.2f} m, 95 % {m['horizontal_p95_m']:.2f} m, "
+            f"worst {m['horizontal_max_m']:.2f} m"
+        )
+    if m["heading_rms_deg"] is not None:
+        print(f"  heading     RMS {m['heading_rms_deg']:.2f}°")
+    for note in solution.notes:
+        if note.doubtful:
+            print(f"  {note}")
+    page = Path(out) / "report.html"
+    print(f"  report      {page}" if page.exists() else f"  result      {out}")

@@ -1,0 +1,1 @@
+"""What the pages of certnav share: one document, one style of pictures, figures in words."""
