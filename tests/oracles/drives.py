@@ -1,4 +1,4 @@
-"""One simulated drive in the forms that readers know: what `fuzz_seeds` breaks later."""
+"""One simulated drive in the forms that readers know: what `seeds` breaks later."""
 
 from __future__ import annotations
 
