@@ -280,6 +280,24 @@ def test_geometry_without_information_is_refused():
     assert ddia_pair(rows, car.motion(), 0.0, min_k=k * 0.999).ok
 
 
+def test_no_velocity_is_nan_of_the_shape_it_would_have():
+    """Results of epochs are stacked: one without a velocity must not change what comes out."""
+    rng = np.random.default_rng(17)
+    car = Car(rng)
+    rows = car.rows(rng, 4)
+    found, nothing = (ddia_velocity(r, car.motion(), 3.0) for r in (rows, rows.take(slice(0, 1))))
+    assert found.ok and not nothing.ok and nothing.time == 3.0
+    for name in ("vel_e", "cov_e", "noise_cov_e", "attitude_e"):
+        assert getattr(nothing, name).shape == getattr(found, name).shape
+        assert np.isnan(getattr(nothing, name)).all()
+    for name in ("speed", "sigma_doppler", "sigma_attitude", "clock_drift", "k", "chi2"):
+        assert np.isnan(getattr(nothing, name))
+    assert np.isnan(nothing.sigma_clock_drift) and np.isnan(nothing.variance_factor)
+    assert nothing.satellites == nothing.rejected == () and nothing.dof == 0
+    assert nothing.row.dtype == found.row.dtype
+    assert nothing.row.size == nothing.residuals.size == 0
+
+
 def test_a_reflected_signal_is_found_and_named():
     rng = np.random.default_rng(14)
     car = Car(rng)
