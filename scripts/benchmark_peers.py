@@ -11,9 +11,11 @@ from types import ModuleType
 import numpy as np
 
 from certnav.datasets.gpstime import from_week_sow, to_week_sow
-from certnav.datasets.sequence import GnssFixes, ImuData, Reference
+from certnav.datasets.observations import GnssFixes
+from certnav.datasets.series import ImuData, Reference
+from certnav.datasets.simulation.sensors import fixes_from_truth, imu_measurements
 from certnav.datasets.simulation.streets import RouteConfig, drive
-from certnav.datasets.simulation.trajectory import Trajectory, fixes_from_truth, imu_measurements
+from certnav.datasets.simulation.trajectory import Trajectory
 from certnav.filters import measurements
 from certnav.filters.earth import C_en_of, ecef_to_lla
 from certnav.filters.ekf import ErrorStateFilter

@@ -30,8 +30,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from certnav.datasets.great.writer import write_great
 from certnav.datasets.load import load
 from certnav.datasets.sequence import Sequence
+from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.errors import NavError
 from certnav.nav.check.recording import check_sequence
 from certnav.nav.config import from_tables

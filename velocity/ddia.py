@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..datasets.sequence import GnssObservations
+from ..datasets.observations import GnssObservations
 from ..filters.errors import ConfigError
 from ..filters.fault_exclusion import consistent_rows
 from ..filters.rotation import FloatArray, skew

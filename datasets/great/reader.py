@@ -22,9 +22,11 @@ from ...filters.rotation import FloatArray, matrix_from_rpy
 from ...filters.sensors import imu_preset as _spec
 from .. import gpstime
 from ..formats.inertial_explorer import ReferenceTable, read_reference_table
+from ..observations import GnssObservations
 from ..physics import check_gravity, check_gyro, course_of, decide_gyro_unit, gyro_unit_ratio
-from ..sequence import Calibration, GnssObservations, ImuData, Reference
+from ..sequence import Calibration
 from ..sequence import Sequence as Drive
+from ..series import ImuData, Reference
 from ..text.imu import AXES, ImuTable, convert, read_imu_table
 from .files import (
     SIDECAR,

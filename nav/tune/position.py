@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...datasets.sequence import GnssObservations, Sequence
+from ...datasets.observations import GnssObservations
+from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of
 from ...filters.ekf import ErrorStateFilter
 from ...filters.error_model import ACCEL_BIAS, GYRO_BIAS, ErrorModel

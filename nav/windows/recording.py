@@ -15,7 +15,8 @@ from ...alignment.reference.baselines import gauss_newton, voba
 from ...alignment.reference.certifiable import align_sdp, attitude_covariance
 from ...alignment.robust import align_robust
 from ...alignment.verdict import AlignmentResult, Verdict, align
-from ...datasets.sequence import GnssObservations, Sequence
+from ...datasets.observations import GnssObservations
+from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of
 from ...filters.errors import AlignmentError, ConfigError
 from ...filters.rotation import FloatArray, wrap_angle

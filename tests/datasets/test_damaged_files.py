@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from certnav.datasets.physics import gyro_unit_ratio
-from certnav.datasets.sequence import ImuData
+from certnav.datasets.series import ImuData
 from certnav.datasets.text.rinex import check_observations
 from certnav.datasets.text.tables import read_lines, read_table, sampling_note
 from certnav.datasets.text.toml_files import parse_toml

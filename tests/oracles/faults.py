@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from certnav.datasets.load import load
-from certnav.datasets.sequence import GnssFixes, Sequence
+from certnav.datasets.observations import GnssFixes
+from certnav.datasets.sequence import Sequence
 from certnav.filters.earth import SPEED_OF_LIGHT, C_en_of
 
 from .damage import imu_rows, sidecar

@@ -17,7 +17,7 @@ from certnav.datasets.formats.rtklib_pos import read_pos
 from certnav.datasets.great.writer import write_imu, write_reference
 from certnav.datasets.own.declaration import ACCEL_UNITS, GYRO_UNITS
 from certnav.datasets.own.reader import read_declared
-from certnav.datasets.sequence import ImuData, Reference
+from certnav.datasets.series import ImuData, Reference
 from certnav.datasets.text.columns import open_text, read_columns
 from certnav.datasets.text.imu import read_imu_table, read_imu_text
 from certnav.datasets.text.tables import read_table

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.datasets.sequence import GnssObservations
+from certnav.datasets.observations import GnssObservations
 from certnav.filters.earth import C_en_of, lla_to_ecef
 from certnav.filters.errors import ConfigError
 from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.datasets.sequence import GnssObservations
+from certnav.datasets.observations import GnssObservations
 from certnav.filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of, lla_to_ecef
 from certnav.filters.errors import ConfigError
 from certnav.velocity.least_squares import doppler_velocities

@@ -12,7 +12,7 @@ from certnav.datasets import gpstime
 from certnav.datasets.great.files import first_observation, is_great, rinex_kind
 from certnav.datasets.great.options import GreatOptions
 from certnav.datasets.great.reader import read_great
-from certnav.datasets.sequence import GnssFixes, GnssObservations
+from certnav.datasets.observations import GnssFixes, GnssObservations
 from certnav.filters.earth import C_en_at, ecef_to_lla, lla_to_ecef
 from certnav.filters.errors import ConfigError, DataError
 
