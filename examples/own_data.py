@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.datasets.own.declare import draft_declaration
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate

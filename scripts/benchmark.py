@@ -55,9 +55,9 @@ from certnav.datasets.formats.kfgins import read_imu
 from certnav.datasets.gpstime import to_week_sow
 from certnav.filters.earth import C_en_of
 from certnav.nav.results.formats import format_rows
-from certnav.velocity.forward_motion import ForwardMotion
 from certnav.velocity.range_rate import DopplerRows
 from certnav.velocity.study.pairs import all_pairs
+from certnav.velocity.vehicle_motion import ForwardMotion
 
 
 def filter_us(data: Drive, states: int, repeat: int) -> float:

@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from certnav.datasets.great.writer import write_great
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.datasets.sequence import Sequence
 from certnav.datasets.series import Reference
 from certnav.datasets.simulation.sensors import fixes_from_truth

@@ -28,7 +28,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from certnav.datasets.great.writer import write_great
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.datasets.sequence import Sequence
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate

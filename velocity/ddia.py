@@ -31,9 +31,9 @@ from ..datasets.observations import GnssObservations
 from ..filters.errors import ConfigError
 from ..filters.fault_exclusion import consistent_rows
 from ..filters.rotation import FloatArray, skew
-from .forward_motion import ForwardMotion
 from .least_squares import _no_matrix, _no_rows, _no_vector
 from .range_rate import DopplerNoise, DopplerRows, doppler_rows
+from .vehicle_motion import ForwardMotion
 
 #: |SDV·RMD| below which the paper calls a pair singular.
 SINGULAR_K = 0.05

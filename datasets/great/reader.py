@@ -49,7 +49,7 @@ def read_great(path: str | Path, options: GreatOptions | None = None) -> Drive:
     path : path
         Folder of the sequence, in either layout.
     options : GreatOptions, optional
-        `datasets.load.load` takes its fields as keywords.
+        `datasets.loading.load` takes its fields as keywords.
 
     Raises
     ------

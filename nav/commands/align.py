@@ -12,7 +12,7 @@ import numpy as np
 from ...alignment.proofs.exact import exact_proof
 from ...alignment.proofs.proof import write
 from ...alignment.verdict import Verdict
-from ...datasets.load import load
+from ...datasets.loading import load
 from ...filters.errors import AlignmentError, ConfigError
 from ..results.summary import strict
 from ..windows.noise import WindowNoise

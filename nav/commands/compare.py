@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> None:
     import tempfile
 
     from ...datasets.cache import kept_in
-    from ...datasets.load import load
+    from ...datasets.loading import load
     from ...filters.errors import ConfigError
     from ..compare.comparison import compare
     from ..compare.degradation import parse_outages

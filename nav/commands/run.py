@@ -10,7 +10,7 @@ from pathlib import Path
 from ...datasets.cache import kept_in
 from ...datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
 from ...datasets.great.catalogue import great_sequence
-from ...datasets.load import load
+from ...datasets.loading import load
 from ...datasets.sequence import Sequence
 from ...filters.errors import ConfigError, DataError
 from ..check.recording import check_sequence

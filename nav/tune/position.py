@@ -26,10 +26,10 @@ from ...filters.rotation import FloatArray
 from ...filters.sensors import imu_preset
 from ...filters.strapdown import InertialStream, NavState
 from ...velocity.ddia import SINGULAR_K, ddia_velocity
-from ...velocity.forward_motion import ForwardMotion
 from ...velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows, with_elevation
 from ...velocity.screening import Screening, screen, usable_rows
 from ...velocity.study.pairs import all_pairs
+from ...velocity.vehicle_motion import ForwardMotion
 from ..config import Config
 from ..engine.ddia_update import filter_motion, measurement
 from ..evaluation.interpolation import interpolate

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from certnav.datasets.great.writer import write_reference
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.filters.earth import C_en_of
 from certnav.nav.check.findings import Report
 from certnav.nav.check.recording import check

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.datasets.observations import GnssFixes
 from certnav.datasets.sequence import Sequence
 from certnav.filters.earth import SPEED_OF_LIGHT, C_en_of

@@ -14,7 +14,7 @@ from .drives import WEEK
 
 def _load(format: str | None = None, **options: object) -> Callable[[Path], None]:
     def run(folder: Path) -> None:
-        from certnav.datasets.load import load
+        from certnav.datasets.loading import load
 
         load(folder, format=format, **options)
 

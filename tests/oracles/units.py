@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.filters.errors import NavError
 from certnav.nav.check.recording import check
 

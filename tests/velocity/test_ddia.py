@@ -16,8 +16,8 @@ from certnav.velocity.ddia import (
     drift_free,
     ndia_velocity,
 )
-from certnav.velocity.forward_motion import forward_motion
 from certnav.velocity.range_rate import DopplerNoise, doppler_rows, predicted_range_rate
+from certnav.velocity.vehicle_motion import forward_motion
 
 ANTENNA = lla_to_ecef(np.radians(30.53), np.radians(114.36), 35.0)
 C_EN = C_en_of(ANTENNA)

@@ -13,7 +13,7 @@ import pytest
 
 from certnav.datasets import gpstime
 from certnav.datasets.formats.oakville import read_oakville
-from certnav.datasets.load import load, recognise
+from certnav.datasets.loading import load, recognise
 from certnav.datasets.own.pvt_columns import check_velocity
 from certnav.datasets.own.reader import read_declared
 from certnav.datasets.text.imu import rates_from_increments

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.nav.check.recording import check, check_sequence
 from oracles import broken_copies, recordings
 from oracles.recordings import REAL, SIMULATED

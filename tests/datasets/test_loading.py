@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from certnav.datasets.load import formats, load, recognise
+from certnav.datasets.loading import formats, load, recognise
 from certnav.datasets.text.tables import read_table
 from certnav.filters.errors import ConfigError, DataError, NavError
 
