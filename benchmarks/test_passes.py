@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("pytest_benchmark")
 
 from certnav.datasets.great.writer import simulate_folder
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.datasets.text.imu import read_imu_table
 from certnav.nav.check.recording import check_sequence

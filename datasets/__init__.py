@@ -1,1 +1,81 @@
-"""Readers that turn files into one `Sequence`, the types themselves, and the simulator."""
+"""Readers that turn files into one `Sequence`, the types themselves, and the simulator.
+
+    sequence = load("Dataset_campus-01", lever="figure", reference_point="mems")
+    sequence.imu, sequence.observations, sequence.reference, sequence.notes
+
+    loading          load: the folder is recognised and handed to its reader
+    sequence         Sequence and Calibration; its parts are
+    series           ImuData, Odometer, Reference
+    observations     GnssObservations row by row, and GnssFixes
+    fields           what their arrays are held to
+    physics          gravity and the course against the units and axes declared
+    axes             axes of a sensor by name
+    gpstime,         GPS seconds from and to calendars; time scales of files
+    time_scales
+    cache            what is read once and kept
+
+    formats/         one module a public recording or file format
+    great/           the GREAT dataset: reader, options, import, catalogue, writer
+    own/             a user's own files by declaration, ``sequence.toml``
+    simulation/      a car in a city under a sky, with the truth
+    rtklib/          RINEX, orbits, single-point and relative positions
+    text/            numbers, tables and columns as instruments write them
+
+The names below are imported when they are first asked for: importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .great.options import GreatOptions
+    from .loading import load, recognise
+    from .observations import GnssFixes, GnssObservations
+    from .own.declare import draft_declaration
+    from .sequence import Calibration, Sequence
+    from .series import ImuData, Odometer, Reference
+    from .simulation.simulator import Simulation, SimulationConfig, simulate
+
+#: Public names by the module that each is imported from when it is first asked for.
+_PUBLIC = {
+    "loading": ("load", "recognise"),
+    "sequence": ("Calibration", "Sequence"),
+    "series": ("ImuData", "Odometer", "Reference"),
+    "observations": ("GnssFixes", "GnssObservations"),
+    "great.options": ("GreatOptions",),
+    "own.declare": ("draft_declaration",),
+    "simulation.simulator": ("Simulation", "SimulationConfig", "simulate"),
+}
+_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
+
+__all__ = [
+    "Calibration",
+    "GnssFixes",
+    "GnssObservations",
+    "GreatOptions",
+    "ImuData",
+    "Odometer",
+    "Reference",
+    "Sequence",
+    "Simulation",
+    "SimulationConfig",
+    "draft_declaration",
+    "load",
+    "recognise",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -21,7 +21,7 @@ from ..filters.earth import C_en_of
 from ..filters.errors import DataError
 from ..filters.rotation import FloatArray
 from ..filters.sensors import STANDARD_GRAVITY
-from .sequence import ImuData
+from .series import ImuData
 
 #: Below this speed the course of a velocity is noise [m/s].
 MIN_COURSE_SPEED = 2.0

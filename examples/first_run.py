@@ -2,7 +2,7 @@
 # # A first run
 #
 # A drive is simulated, written in the layout of the GREAT dataset, read back, navigated and judged.
-# What the last cells do works with any recording that `datasets.load.load` reads.
+# What the last cells do works with any recording that `datasets.loading.load` reads.
 
 # %%
 import tempfile
@@ -15,7 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from certnav.datasets.great.writer import simulate_folder
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.nav.check.recording import check
 from certnav.nav.config import load_config, to_toml

@@ -9,11 +9,11 @@ import dataclasses
 
 import numpy as np
 
+from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.earth import C_en_of
 from certnav.nav.config import Config
-from certnav.nav.engine.gnss import GnssEvent
+from certnav.nav.engine.events import GnssEvent
 from certnav.nav.navigator import Navigator
 from certnav.nav.pipeline import navigate
 

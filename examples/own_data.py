@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.datasets.own.declare import draft_declaration
+from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.earth import C_en_of, ecef_to_lla
 from certnav.filters.errors import NavError
 from certnav.nav.check.recording import check

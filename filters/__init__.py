@@ -1,1 +1,90 @@
-"""Earth model, sensor models, strapdown mechanisation and the error-state filter."""
+"""Earth model, sensor models, strapdown mechanisation and the error-state filter.
+
+    kalman = ErrorStateFilter(ErrorModel(imu_preset("adis16470")), stream, state, P)
+    kalman.propagate(time)
+    kalman.update(measurements.position(kalman.state, kalman.model.size, pos_e, cov_e, lever_b))
+
+    earth                WGS 84, gravity, local axes
+    rotation             rotations as matrices
+    sensors              IMU grades in datasheet units, and presets
+    strapdown            position, velocity, attitude from inertial samples
+    error_model,         the error states, their dynamics and noise; those of GNSS
+    gnss_states
+    measurements,        z, H, R of positions, velocities and Doppler, and of what a road vehicle
+    constraints          does not do
+    levers               velocity of a point beside the IMU
+    standstill           when a vehicle stands
+    ekf                  the filter: propagate, test, update
+    measurement_update   the update itself, compiled and by filterpy
+    smoother             the same, from the end backwards
+    fault_exclusion      the largest set of equations that agree
+    errors               what certnav refuses with, one line each
+
+The names below are imported when they are first asked for: importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .earth import C_en_of, ecef_to_lla, gravity_e, lla_to_ecef
+    from .ekf import ErrorStateFilter, Outcome
+    from .error_model import ErrorModel
+    from .errors import AlignmentError, ConfigError, DataError, NavError
+    from .measurements import Measurement
+    from .rotation import matrix_from_rpy, rpy_from_matrix
+    from .sensors import ImuSpec, imu_preset
+    from .smoother import smooth
+    from .strapdown import InertialStream, NavState, integrate
+
+#: Public names by the module that each is imported from when it is first asked for.
+_PUBLIC = {
+    "ekf": ("ErrorStateFilter", "Outcome"),
+    "error_model": ("ErrorModel",),
+    "measurements": ("Measurement",),
+    "strapdown": ("InertialStream", "NavState", "integrate"),
+    "smoother": ("smooth",),
+    "sensors": ("ImuSpec", "imu_preset"),
+    "earth": ("C_en_of", "ecef_to_lla", "gravity_e", "lla_to_ecef"),
+    "rotation": ("matrix_from_rpy", "rpy_from_matrix"),
+    "errors": ("AlignmentError", "ConfigError", "DataError", "NavError"),
+}
+_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
+
+__all__ = [
+    "AlignmentError",
+    "C_en_of",
+    "ConfigError",
+    "DataError",
+    "ErrorModel",
+    "ErrorStateFilter",
+    "ImuSpec",
+    "InertialStream",
+    "Measurement",
+    "NavError",
+    "NavState",
+    "Outcome",
+    "ecef_to_lla",
+    "gravity_e",
+    "imu_preset",
+    "integrate",
+    "lla_to_ecef",
+    "matrix_from_rpy",
+    "rpy_from_matrix",
+    "smooth",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -23,7 +23,8 @@ from itertools import count
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..datasets.sequence import Calibration, Odometer
+from ..datasets.sequence import Calibration
+from ..datasets.series import Odometer
 from ..filters.earth import C_en_of, ecef_to_lla
 from ..filters.error_model import ATT, POS, VEL
 from ..filters.errors import AlignmentError

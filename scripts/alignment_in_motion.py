@@ -36,7 +36,7 @@ from certnav.alignment.in_motion.unknowns import InertialOptions
 from certnav.alignment.in_motion.waiting import Attempt, MotionOptions, attempts
 from certnav.alignment.problem import ClockModel
 from certnav.alignment.solver.refinement import rotation_angle
-from certnav.datasets.sequence import GnssObservations
+from certnav.datasets.observations import GnssObservations
 from certnav.datasets.simulation.simulator import Simulation, SimulationConfig, simulate
 from certnav.filters.earth import C_en_of
 from certnav.filters.strapdown import InertialStream

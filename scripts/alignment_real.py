@@ -29,7 +29,7 @@ import numpy as np
 from certnav.alignment.in_motion.unknowns import InertialOptions
 from certnav.alignment.in_motion.waiting import MotionOptions, attempts
 from certnav.alignment.problem import ClockModel
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.datasets.sequence import Sequence
 from certnav.filters.earth import C_en_of
 from certnav.filters.rotation import wrap_angle

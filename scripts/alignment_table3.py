@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.nav.results.summary import strict
 from certnav.nav.windows.recording import WindowOptions, align_windows, summary
 

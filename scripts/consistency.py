@@ -28,10 +28,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from certnav.datasets.great.writer import write_great
-from certnav.datasets.load import load
-from certnav.datasets.sequence import Reference, Sequence
+from certnav.datasets.loading import load
+from certnav.datasets.sequence import Sequence
+from certnav.datasets.series import Reference
+from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.earth import C_en_of
 from certnav.filters.rotation import FloatArray, matrix_from_rpy
 from certnav.nav.config import from_tables

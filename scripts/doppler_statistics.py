@@ -22,15 +22,15 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.datasets.sequence import Sequence
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import NavError
 from certnav.velocity.doppler_noise import fit_doppler_noise, reference_residuals
-from certnav.velocity.study.attitude_effect import drift_effect
-from certnav.velocity.study.few_satellites import few_satellites
-from certnav.velocity.study.pair_table import describe, pair_table
+from certnav.velocity.study.below_four import few_satellites
 from certnav.velocity.study.samples import Samples, reference_samples
+from certnav.velocity.study.tables import describe, pair_table
+from certnav.velocity.study.unaided import drift_effect
 
 #: Tables 2, 3 and 5 of the paper (GREAT): pairs after k > 0.05 and 3·RMS, RMS at k > 0.05 [m/s],
 #: C/N0 [dB-Hz], and what it says of SNR > 40, k > 0.2.

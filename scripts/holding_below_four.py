@@ -26,7 +26,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from certnav.datasets.great.writer import simulate_folder
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.datasets.sequence import Sequence
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.errors import NavError

@@ -1,8 +1,118 @@
 """Range rates and lines of sight from Doppler, and the velocities they give.
 
-`range_rate` turns observations into linear equations in velocity; `least_squares` solves them for
-four satellites or more, `ddia` with the attitude's help (`forward_motion`) for one, two or more.
-`pairs` does so for millions of pairs at once, `screening` says which to trust, `samples`,
-`pair_table` and `statistics` judge them against a reference. `doppler_noise` and `mounting`
-calibrate receiver and installation.
+    rows = doppler_rows(observations, pos_e, DopplerNoise())      # all equations of an epoch
+    doppler_velocity(rows, time)                                  # four satellites or more
+    ddia_velocity(rows, forward_motion(C_eb, omega_b, lever_b), time)         # two or more
+
+    range_rate         Doppler as linear equations in velocity
+    least_squares      their solution for four satellites or more, faults left out
+    vehicle_motion     what the attitude says: a road vehicle moves where it points
+    ddia               the velocity from one, two or more satellites with that help
+    screening          which pairs of satellites to trust
+    aided_screening    which satellites to trust when the velocity is roughly known
+    doppler_noise      a receiver's noise over C/N0, fitted to what it did
+    mounting           the IMU's mounting in the vehicle, from straight driving
+
+    study/             the paper's statistics, of any drive
+
+The names below are imported when they are first asked for: importing the package costs nothing.
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .ddia import (
+        AidedVelocity,
+        ddia_pair,
+        ddia_velocities,
+        ddia_velocity,
+        drift_free,
+        ndia_velocity,
+    )
+    from .doppler_noise import NoiseFit, fit_doppler_noise, own_residuals, reference_residuals
+    from .least_squares import DopplerVelocity, doppler_velocities, doppler_velocity
+    from .mounting import Mounting, calibrate_mounting, sequence_mounting
+    from .range_rate import (
+        DopplerNoise,
+        DopplerRows,
+        LineOfSight,
+        doppler_rows,
+        line_of_sight,
+        predicted_range_rate,
+        with_elevation,
+    )
+    from .screening import Screening, screen
+    from .vehicle_motion import ForwardMotion, forward_motion
+
+#: Public names by the module that each is imported from when it is first asked for.
+_PUBLIC = {
+    "range_rate": (
+        "DopplerNoise",
+        "DopplerRows",
+        "LineOfSight",
+        "doppler_rows",
+        "line_of_sight",
+        "predicted_range_rate",
+        "with_elevation",
+    ),
+    "least_squares": ("DopplerVelocity", "doppler_velocities", "doppler_velocity"),
+    "vehicle_motion": ("ForwardMotion", "forward_motion"),
+    "ddia": (
+        "AidedVelocity",
+        "ddia_pair",
+        "ddia_velocities",
+        "ddia_velocity",
+        "drift_free",
+        "ndia_velocity",
+    ),
+    "screening": ("Screening", "screen"),
+    "doppler_noise": ("NoiseFit", "fit_doppler_noise", "own_residuals", "reference_residuals"),
+    "mounting": ("Mounting", "calibrate_mounting", "sequence_mounting"),
+}
+_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
+
+__all__ = [
+    "AidedVelocity",
+    "DopplerNoise",
+    "DopplerRows",
+    "DopplerVelocity",
+    "ForwardMotion",
+    "LineOfSight",
+    "Mounting",
+    "NoiseFit",
+    "Screening",
+    "calibrate_mounting",
+    "ddia_pair",
+    "ddia_velocities",
+    "ddia_velocity",
+    "doppler_rows",
+    "doppler_velocities",
+    "doppler_velocity",
+    "drift_free",
+    "fit_doppler_noise",
+    "forward_motion",
+    "line_of_sight",
+    "ndia_velocity",
+    "own_residuals",
+    "predicted_range_rate",
+    "reference_residuals",
+    "screen",
+    "sequence_mounting",
+    "with_elevation",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -21,18 +21,19 @@ and a sideways velocity v_⟂ that the constraint ignores by −(I − u gᵀE) 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..datasets.sequence import GnssObservations
+from ..datasets.observations import GnssObservations
 from ..filters.errors import ConfigError
 from ..filters.fault_exclusion import consistent_rows
 from ..filters.rotation import FloatArray, skew
-from .forward_motion import ForwardMotion
+from .least_squares import _no_matrix, _no_rows, _no_vector
 from .range_rate import DopplerNoise, DopplerRows, doppler_rows
+from .vehicle_motion import ForwardMotion
 
 #: |SDV·RMD| below which the paper calls a pair singular.
 SINGULAR_K = 0.05
@@ -91,28 +92,46 @@ class AidedVelocity:
 
     time: float
     status: str
-    speed: float
-    sigma_doppler: float
-    sigma_attitude: float
-    clock_drift: float
-    sigma_clock_drift: float
-    vel_e: FloatArray
-    noise_cov_e: FloatArray
-    cov_e: FloatArray
-    attitude_e: FloatArray
-    k: float
-    satellites: tuple[str, ...]
-    row: NDArray[np.int64]
-    residuals: FloatArray
-    rejected: tuple[int, ...]
-    dof: int
-    chi2: float
-    variance_factor: float
+    speed: float = np.nan
+    sigma_doppler: float = np.nan
+    sigma_attitude: float = np.nan
+    clock_drift: float = np.nan
+    sigma_clock_drift: float = np.nan
+    vel_e: FloatArray = field(default_factory=_no_vector)
+    noise_cov_e: FloatArray = field(default_factory=_no_matrix)
+    cov_e: FloatArray = field(default_factory=_no_matrix)
+    attitude_e: FloatArray = field(default_factory=_no_matrix)
+    k: float = np.nan
+    satellites: tuple[str, ...] = ()
+    row: NDArray[np.int64] = field(default_factory=_no_rows)
+    residuals: FloatArray = field(default_factory=lambda: np.zeros(0))
+    rejected: tuple[int, ...] = ()
+    dof: int = 0
+    chi2: float = np.nan
+    variance_factor: float = np.nan
 
     @property
     def ok(self) -> bool:
         """True if there is a velocity."""
         return self.status == "ok"
+
+
+class _Estimate(NamedTuple):
+    """Speed and drift from the rows used, before what the attitude adds to them.
+
+    `gain` is d(speed)/dz; the rest is named as in `AidedVelocity`, without a variance factor.
+    """
+
+    rows: DopplerRows
+    speed: float
+    gain: FloatArray
+    sigma_doppler: float
+    clock_drift: float
+    sigma_clock_drift: float
+    k: float
+    residuals: FloatArray
+    rejected: tuple[int, ...] = ()
+    dof: int = 0
 
 
 def drift_free(rows: DopplerRows) -> DriftFree:
@@ -160,13 +179,20 @@ def ndia_velocity(
         raise ConfigError(f"NDIA-VE: expected one satellite, found {len(rows)}")
     h = rows.e_e @ motion.u_e
     if not abs(h[0]) > min_k:
-        return _nothing(time, "singular geometry")
+        return AidedVelocity(time, "singular geometry")
     y = rows.z - rows.e_e @ motion.swing_e
     sigma = np.hypot(rows.sigma[0], sigma_clock_drift)
-    return _velocity(
-        rows, motion, time, float((y[0] + clock_drift) / h[0]), 1.0 / h, sigma / abs(h[0]),
-        clock_drift, sigma_clock_drift, abs(h[0]), np.zeros(1), (), 0,
-    )  # fmt: skip
+    found = _Estimate(
+        rows,
+        speed=float((y[0] + clock_drift) / h[0]),
+        gain=1.0 / h,
+        sigma_doppler=sigma / abs(h[0]),
+        clock_drift=clock_drift,
+        sigma_clock_drift=sigma_clock_drift,
+        k=abs(h[0]),
+        residuals=np.zeros(1),
+    )
+    return _velocity(found, motion, time)
 
 
 def ddia_pair(
@@ -190,7 +216,7 @@ def ddia_pair(
     e_AB = rows.e_e[0] - rows.e_e[1]  # (13): κ, common drift coefficient, is in e_e
     along = float(e_AB @ motion.u_e)
     if not abs(along) > min_k:
-        return _nothing(time, "singular geometry")
+        return AidedVelocity(time, "singular geometry")
     v_AB = rows.z[0] - rows.z[1]  # (14)
     speed = float(v_AB - e_AB @ motion.swing_e) / along  # (20), lever arm taken off
     gain = np.array([1.0, -1.0]) / along
@@ -198,10 +224,17 @@ def ddia_pair(
     y = rows.z - rows.e_e @ motion.swing_e
     weight = rows.sigma**-2 / np.sum(rows.sigma**-2)
     sigma_drift = np.sqrt(np.sum(((weight @ h) * gain - weight) ** 2 * rows.sigma**2))
-    return _velocity(
-        rows, motion, time, speed, gain, float(np.hypot(*rows.sigma)) / abs(along),
-        float(weight @ (h * speed - y)), float(sigma_drift), abs(along), np.zeros(2), (), 0,
-    )  # fmt: skip
+    found = _Estimate(
+        rows,
+        speed=speed,
+        gain=gain,
+        sigma_doppler=float(np.hypot(*rows.sigma)) / abs(along),
+        clock_drift=float(weight @ (h * speed - y)),
+        sigma_clock_drift=float(sigma_drift),
+        k=abs(along),
+        residuals=np.zeros(2),
+    )
+    return _velocity(found, motion, time)
 
 
 def ddia_velocity(
@@ -230,7 +263,7 @@ def ddia_velocity(
         Probability that the residual test (three rows or more) accuses fault-free rows.
     """
     if len(rows) < 2:
-        return _nothing(time, "too few satellites")
+        return AidedVelocity(time, "too few satellites")
     h = rows.e_e @ motion.u_e
     y = rows.z - rows.e_e @ motion.swing_e
 
@@ -239,13 +272,13 @@ def ddia_velocity(
 
     everything = np.ones(len(rows), dtype=bool)
     if not strong(everything):
-        return _nothing(time, "singular geometry")
+        return AidedVelocity(time, "singular geometry")
     keep: NDArray[np.bool_] | None = everything
     if len(rows) > 2:
         H = np.column_stack([h, -np.ones(len(rows))])
         keep = consistent_rows(H, y, rows.sigma, significance, strong)
     if keep is None:
-        return _nothing(time, "inconsistent")
+        return AidedVelocity(time, "inconsistent")
     used, h, y = rows.take(keep), h[keep], y[keep]
     weight = used.sigma**-2 / np.sum(used.sigma**-2)
     centred = h - weight @ h
@@ -254,12 +287,19 @@ def ddia_velocity(
     speed = float(gain @ y)
     drift = float(weight @ (h * speed - y))
     drift_gain = (weight @ h) * gain - weight
-    return _velocity(
-        used, motion, time, speed, gain, float(np.linalg.norm(gain * used.sigma)),
-        drift, float(np.linalg.norm(drift_gain * used.sigma)),
-        _equivalent_k(h, used.sigma), y - h * speed + drift,
-        tuple(map(int, rows.row[~keep])), len(used) - 2,
-    )  # fmt: skip
+    found = _Estimate(
+        used,
+        speed=speed,
+        gain=gain,
+        sigma_doppler=float(np.linalg.norm(gain * used.sigma)),
+        clock_drift=drift,
+        sigma_clock_drift=float(np.linalg.norm(drift_gain * used.sigma)),
+        k=_equivalent_k(h, used.sigma),
+        residuals=y - h * speed + drift,
+        rejected=tuple(map(int, rows.row[~keep])),
+        dof=len(used) - 2,
+    )
+    return _velocity(found, motion, time)
 
 
 def ddia_velocities(
@@ -304,56 +344,36 @@ def _equivalent_k(h: FloatArray, sigma: FloatArray) -> float:
     return float(np.sqrt(2.0 * np.mean(sigma**2) * np.sum(weight * centred**2)))
 
 
-def _velocity(
-    rows: DopplerRows,
-    motion: ForwardMotion,
-    time: float,
-    speed: float,
-    gain: FloatArray,
-    sigma: float,
-    drift: float,
-    sigma_drift: float,
-    k: float,
-    residuals: FloatArray,
-    rejected: tuple[int, ...],
-    dof: int,
-) -> AidedVelocity:
-    chi2 = float(np.sum((residuals / rows.sigma) ** 2))
-    factor = max(1.0, chi2 / dof) if dof else 1.0
+def _velocity(found: _Estimate, motion: ForwardMotion, time: float) -> AidedVelocity:
+    """Return the antenna's velocity along the vehicle, and what attitude and noise do to it."""
+    chi2 = float(np.sum((found.residuals / found.rows.sigma) ** 2))
+    factor = max(1.0, chi2 / found.dof) if found.dof else 1.0
     u = motion.u_e
-    vel_e = speed * u + motion.swing_e
-    seen = gain @ rows.e_e
+    vel_e = found.speed * u + motion.swing_e
+    seen = found.gain @ found.rows.e_e
     project = np.eye(3) - np.outer(u, seen)
     attitude_e = -project @ skew(vel_e)
     across = project @ (np.eye(3) - np.outer(u, u)) @ project.T
-    noise_cov = factor * sigma**2 * np.outer(u, u) + motion.sigma_cross**2 * across
+    noise_cov = factor * found.sigma_doppler**2 * np.outer(u, u) + motion.sigma_cross**2 * across
     turned = seen @ skew(vel_e)
     return AidedVelocity(
         time=time,
         status="ok",
-        speed=speed,
-        sigma_doppler=float(np.sqrt(factor) * sigma),
+        speed=found.speed,
+        sigma_doppler=float(np.sqrt(factor) * found.sigma_doppler),
         sigma_attitude=float(np.sqrt(turned @ motion.att_cov_e @ turned)),
-        clock_drift=drift,
-        sigma_clock_drift=float(np.sqrt(factor) * sigma_drift),
+        clock_drift=found.clock_drift,
+        sigma_clock_drift=float(np.sqrt(factor) * found.sigma_clock_drift),
         vel_e=vel_e,
         noise_cov_e=noise_cov,
         cov_e=noise_cov + attitude_e @ motion.att_cov_e @ attitude_e.T,
         attitude_e=attitude_e,
-        k=float(k),
-        satellites=tuple(map(str, rows.sat)),
-        row=rows.row,
-        residuals=residuals,
-        rejected=rejected,
-        dof=dof,
+        k=float(found.k),
+        satellites=tuple(map(str, found.rows.sat)),
+        row=found.rows.row,
+        residuals=found.residuals,
+        rejected=found.rejected,
+        dof=found.dof,
         chi2=chi2,
         variance_factor=factor,
     )
-
-
-def _nothing(time: float, status: str) -> AidedVelocity:
-    nan, vector, matrix = np.nan, np.full(3, np.nan), np.full((3, 3), np.nan)
-    return AidedVelocity(
-        time, status, nan, nan, nan, nan, nan, vector, matrix, matrix, matrix, nan, (),
-        np.zeros(0, dtype=np.int64), np.zeros(0), (), 0, nan, nan,
-    )  # fmt: skip

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from ..datasets.sequence import GnssObservations
+from ..datasets.observations import GnssObservations
 from ..filters.errors import ConfigError, DataError
 from ..filters.rotation import FloatArray
 from .least_squares import doppler_velocities

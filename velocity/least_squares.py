@@ -8,19 +8,31 @@ are the fewest rows whose absence makes it pass, and of several such sets the be
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..datasets.sequence import GnssObservations
+from ..datasets.observations import GnssObservations
 from ..filters.fault_exclusion import consistent_rows
 from ..filters.rotation import FloatArray
 from .range_rate import DopplerNoise, DopplerRows, doppler_rows
 
 #: Reason given to rows that the residual test excludes.
 REJECTED = "doppler residual"
+
+
+def _no_vector() -> FloatArray:
+    return np.full(3, np.nan)
+
+
+def _no_matrix() -> FloatArray:
+    return np.full((3, 3), np.nan)
+
+
+def _no_rows() -> NDArray[np.int64]:
+    return np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +70,16 @@ class DopplerVelocity:
 
     time: float
     status: str
-    vel_e: FloatArray
-    cov_e: FloatArray
-    clock_drift: float
-    satellites: tuple[str, ...]
-    row: NDArray[np.int64]
-    residuals: FloatArray
-    rejected: tuple[int, ...]
-    dof: int
-    chi2: float
-    variance_factor: float
+    vel_e: FloatArray = field(default_factory=_no_vector)
+    cov_e: FloatArray = field(default_factory=_no_matrix)
+    clock_drift: float = np.nan
+    satellites: tuple[str, ...] = ()
+    row: NDArray[np.int64] = field(default_factory=_no_rows)
+    residuals: FloatArray = field(default_factory=lambda: np.zeros(0))
+    rejected: tuple[int, ...] = ()
+    dof: int = 0
+    chi2: float = np.nan
+    variance_factor: float = np.nan
 
     @property
     def ok(self) -> bool:
@@ -137,17 +149,17 @@ def doppler_velocity(
         Larger velocity DOPs are 'degenerate geometry'.
     """
     if len(rows) < 4:
-        return _nothing(time, "too few satellites")
+        return DopplerVelocity(time, "too few satellites")
     H = np.column_stack([rows.e_e, -np.ones(len(rows))])
     if solve(rows.e_e, rows.z, rows.sigma, max_dop) is None:
-        return _nothing(time, "degenerate geometry")
+        return DopplerVelocity(time, "degenerate geometry")
 
     def solvable(keep: NDArray[np.bool_]) -> bool:
         return solve(rows.e_e[keep], rows.z[keep], rows.sigma[keep], max_dop) is not None
 
     keep = consistent_rows(H, rows.z, rows.sigma, significance, solvable)
     if keep is None:
-        return _nothing(time, "inconsistent")
+        return DopplerVelocity(time, "inconsistent")
     solution = solve(rows.e_e[keep], rows.z[keep], rows.sigma[keep], max_dop)
     assert solution is not None
     return _result(rows, keep, solution, time)
@@ -201,23 +213,6 @@ def _result(
         dof=dof,
         chi2=solution.chi2,
         variance_factor=factor,
-    )
-
-
-def _nothing(time: float, status: str) -> DopplerVelocity:
-    return DopplerVelocity(
-        time=time,
-        status=status,
-        vel_e=np.full(3, np.nan),
-        cov_e=np.full((3, 3), np.nan),
-        clock_drift=np.nan,
-        satellites=(),
-        row=np.zeros(0, dtype=np.int64),
-        residuals=np.zeros(0),
-        rejected=(),
-        dof=0,
-        chi2=np.nan,
-        variance_factor=np.nan,
     )
 
 

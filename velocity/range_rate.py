@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..datasets.sequence import GnssObservations
+from ..datasets.observations import GnssObservations
 from ..filters.earth import EARTH_RATE, OMEGA_IE_SKEW, SPEED_OF_LIGHT, C_en_of
 from ..filters.errors import ConfigError
 from ..filters.rotation import FloatArray

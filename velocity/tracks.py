@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..datasets.sequence import GnssObservations, Sequence
+from ..datasets.observations import GnssObservations
+from ..datasets.sequence import Sequence
 from ..filters.earth import C_en_of
 from ..filters.rotation import FloatArray
 from .least_squares import doppler_velocities

@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...datasets.sequence import GnssObservations
+from ...datasets.observations import GnssObservations
 from ...filters.earth import C_en_of
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray

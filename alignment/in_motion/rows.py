@@ -23,7 +23,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...datasets.sequence import GnssObservations
+from ...datasets.observations import GnssObservations
 from ...filters.earth import OMEGA_IE_SKEW, gravitation_e
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...datasets.sequence import GnssObservations
+from ...datasets.observations import GnssObservations
 from ...filters.earth import EARTH_RATE
 from ...filters.errors import AlignmentError, ConfigError
 from ...filters.rotation import FloatArray

@@ -27,16 +27,10 @@ from ...filters.errors import DataError
 from ...filters.rotation import FloatArray, rpy_from_matrix
 from ...filters.sensors import imu_preset
 from .. import gpstime
+from ..observations import GnssFixes, GnssObservations
 from ..physics import check_gravity, check_gyro, course_of
-from ..sequence import (
-    Calibration,
-    GnssFixes,
-    GnssObservations,
-    ImuData,
-    Odometer,
-    Reference,
-    Sequence,
-)
+from ..sequence import Calibration, Sequence
+from ..series import ImuData, Odometer, Reference
 from ..text.tables import check_head, sampling_note
 
 _IMU, _GNSS, _POSE = "processed_log/IMU", "processed_log/GNSS", "global_pose"

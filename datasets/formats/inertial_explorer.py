@@ -22,7 +22,7 @@ from ...filters.earth import lla_to_ecef
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray
 from ..gpstime import from_week_sow
-from ..sequence import Reference
+from ..series import Reference
 from ..text.tables import Table, increasing, read_lines, read_table, sampling_note
 
 _END = "Errors/warnings:"

@@ -20,7 +20,8 @@ from ...filters.earth import C_en_at, C_en_of, ecef_to_lla, lla_to_ecef
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix
 from ...filters.sensors import imu_preset
-from ..sequence import Calibration, Reference, Sequence
+from ..sequence import Calibration, Sequence
+from ..series import Reference
 from ..text.tables import cannot_open, check_head
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def read_spirent(
     """
     # Slow to import, and every folder is looked at for being one of these.
     from .. import rtklib
-    from ..simulation.trajectory import imu_measurements
+    from ..simulation.sensors import imu_measurements
 
     path = Path(path)
     spec = imu_preset(imu)

@@ -23,9 +23,11 @@ from ...filters.rotation import FloatArray
 from ...filters.sensors import ImuSpec
 from ...filters.sensors import imu_preset as _preset
 from ..gpstime import SECONDS_PER_WEEK, from_week_sow
+from ..observations import GnssFixes
 from ..own.pvt_columns import check_velocity
 from ..physics import check_gravity, check_gyro, course_of
-from ..sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
+from ..sequence import Calibration, Sequence
+from ..series import ImuData, Reference
 from ..text.imu import rates_from_increments
 from ..text.tables import (
     Table,

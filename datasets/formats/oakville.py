@@ -25,8 +25,10 @@ from ...filters.earth import C_en_at, lla_to_ecef
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray, matrix_from_rpy
 from ...filters.sensors import imu_preset
+from ..observations import GnssFixes
 from ..physics import check_gravity, check_gyro, course_of
-from ..sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
+from ..sequence import Calibration, Sequence
+from ..series import ImuData, Reference
 from ..text.imu import AXES
 from ..text.tables import LARGEST, check_head, sampling_note
 

@@ -19,7 +19,7 @@ from ...filters.earth import C_en_at, lla_to_ecef
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from .. import gpstime
-from ..sequence import GnssFixes
+from ..observations import GnssFixes
 from ..text.tables import cannot_open
 
 _GPS_EPOCH_UNIX = 315964800.0

@@ -19,7 +19,8 @@ from ...filters.earth import C_en_at, ecef_to_lla, lla_to_ecef
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray
 from .. import gpstime
-from ..sequence import GnssFixes, StrArray
+from ..fields import StrArray
+from ..observations import GnssFixes
 from ..text.tables import Table, increasing, read_lines, read_table
 
 #: RTKLIB's solution status, column Q.

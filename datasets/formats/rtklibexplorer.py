@@ -23,8 +23,10 @@ import numpy as np
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray, matrix_from_rpy
 from ...filters.sensors import STANDARD_GRAVITY, ImuSpec
+from ..observations import GnssFixes
 from ..physics import check_gravity, check_gyro, course_of
-from ..sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
+from ..sequence import Calibration, Sequence
+from ..series import ImuData, Reference
 from ..text.tables import cannot_open, increasing, read_table, sampling_note
 from .rtklib_pos import read_pos
 

@@ -31,17 +31,12 @@ from ...filters.earth import SPEED_OF_LIGHT, C_en_at, lla_to_ecef
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray, wrap_angle
 from ...filters.sensors import ImuSpec
+from ..fields import StrArray
 from ..gpstime import SECONDS_PER_WEEK, from_week_sow
+from ..observations import GnssFixes, GnssObservations
 from ..physics import gyro_unit_ratio
-from ..sequence import (
-    Calibration,
-    GnssFixes,
-    GnssObservations,
-    Odometer,
-    Reference,
-    Sequence,
-    StrArray,
-)
+from ..sequence import Calibration, Sequence
+from ..series import Odometer, Reference
 from ..text.columns import Columns, open_text, read_columns
 from ..text.tables import increasing, sampling_note
 

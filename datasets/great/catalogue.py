@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from ...filters.errors import ConfigError
-from .installation import IMU_PRESETS, LEVERS, MEMS_TO_TACTICAL, WEEK_2020, sidecar
+from .installation import LEVERS, MEMS_TO_TACTICAL, WEEK_2020, sidecar
+from .options import IMU_PRESETS
 
 #: Where the download links are: section "Data Download" of the Readme.
 PAGE = "https://github.com/GREAT-WHU/GREAT-Dataset"

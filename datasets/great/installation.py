@@ -20,6 +20,7 @@ from ...filters.rotation import FloatArray
 from ..text.imu import GYRO_UNITS
 from ..text.toml_files import read_toml
 from .files import SIDECAR
+from .options import IMU_PRESETS, GreatOptions
 
 #: Week of 2020-10-27 and 2020-10-29, the only days the drawn lever arms are valid for.
 WEEK_2020 = 2129
@@ -31,12 +32,13 @@ LEVERS: dict[tuple[str, str], tuple[tuple[float, float, float], str]] = {
 }
 #: From the MEMS IMU to the tactical IMU by week, forward-right-down [m] (parameter1, parameter2).
 MEMS_TO_TACTICAL = {2129: (-0.32, 0.0, 0.01), 2233: (0.35, 0.04, -0.06)}
-IMU_PRESETS = {"mems": "adis16470", "tactical": "tactical"}
 #: What made the references of the dataset.
 REFERENCE_SOURCE = "Inertial Explorer, tightly coupled RTK and tactical IMU, smoothed"
 #: Points a reference may be of.
 POINTS = ("imu", "antenna", "mems", "tactical")
 _OF_MEMS = ("lever_antenna_frd_m", "imu_preset", "mounting_rpy_deg", "lever_vehicle_frd_m")
+#: Options that the file may hold too.
+_CALLED = ("lever", "reference_point", "reference_body", "imu_preset", "week", "gyro_unit")
 _SIDECAR_KEYS = (
     "lever",
     "lever_antenna_frd_m",
@@ -67,14 +69,16 @@ class Declared:
     lever_vehicle: FloatArray | None
 
 
-def read_declared(folder: Path, imu: str, **arguments: Any) -> Declared:
-    """Merge arguments and ``great.toml``, and refuse what is missing or unknown.
+def read_declared(folder: Path, options: GreatOptions) -> Declared:
+    """Merge options and ``great.toml``, and refuse what is missing or unknown.
 
     Keys of the file are those of `Declared`, with ``lever`` for a preset and
     ``lever_antenna_frd_m`` for a vector. Its vectors, its noise model and 'imu' as the reference
     point are meant for the MEMS IMU; for the tactical one they have to be given in the call.
     """
-    given = {**sidecar(folder, imu), **{key: v for key, v in arguments.items() if v is not None}}
+    imu = options.imu
+    called = {key: value for key in _CALLED if (value := getattr(options, key)) is not None}
+    given = {**sidecar(folder, imu), **called}
     lever = given.get("lever", given.get("lever_antenna_frd_m"))
     if lever is None:
         raise ConfigError(
@@ -95,9 +99,7 @@ def read_declared(folder: Path, imu: str, **arguments: Any) -> Declared:
         point = _word_or_vector("reference_point", point, POINTS)
     return Declared(
         lever=_word_or_vector("lever", lever, ("figure", "msf_xml")),
-        lever_from="declared in the call"
-        if arguments.get("lever") is not None
-        else f"declared in {SIDECAR}",
+        lever_from="declared in the call" if "lever" in called else f"declared in {SIDECAR}",
         reference_point=None
         if point is None
         else _word_or_vector("reference_point", point, POINTS),

@@ -13,8 +13,8 @@ import numpy as np
 
 from ...filters.errors import DataError
 from ..gpstime import SECONDS_PER_WEEK, from_week_sow
+from ..observations import GnssFixes
 from ..own.pvt_columns import check_velocity
-from ..sequence import GnssFixes
 from ..text.tables import increasing, read_lines, read_table
 
 COLUMNS = (

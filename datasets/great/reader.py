@@ -6,85 +6,50 @@ they do not hold is where the antenna is: two public sources contradict each oth
 a lever arm has to be named. Facts: GREAT-WHU/GREAT-Dataset (Readme, figures parameter1/2),
 GREAT-WHU/GREAT-MSF (manual 1.1, configuration files of the samples).
 
-A file ``great.toml`` in the folder may declare what the keyword arguments declare; the
-arguments win.
+A file ``great.toml`` in the folder may declare what the options declare; the options win.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray, matrix_from_rpy
 from ...filters.sensors import imu_preset as _spec
 from .. import gpstime
 from ..formats.inertial_explorer import ReferenceTable, read_reference_table
+from ..observations import GnssObservations
 from ..physics import check_gravity, check_gyro, course_of, decide_gyro_unit, gyro_unit_ratio
-from ..sequence import Calibration, GnssObservations, ImuData, Reference
+from ..sequence import Calibration
 from ..sequence import Sequence as Drive
+from ..series import ImuData, Reference
 from ..text.imu import AXES, ImuTable, convert, read_imu_table
-from .files import SIDECAR, base_stations, choose_observations, find_files, first_observation
+from .files import (
+    SIDECAR,
+    GreatFiles,
+    base_stations,
+    choose_observations,
+    find_files,
+    first_observation,
+)
 from .files import is_great as is_great
-from .installation import IMU_PRESETS, Declared, antenna_lever, read_declared, reference_lever
-from .installation import WEEK_2020 as WEEK_2020
+from .installation import Declared, antenna_lever, read_declared, reference_lever
+from .options import GreatOptions, paths
 
 
-def read_great(
-    path: str | Path,
-    *,
-    imu: str = "mems",
-    lever: str | ArrayLike | None = None,
-    reference_point: str | ArrayLike | None = None,
-    reference_body: str | None = None,
-    imu_preset: str | None = None,
-    week: int | None = None,
-    gyro_unit: str | None = None,
-    imu_file: str | Path | None = None,
-    reference_file: str | Path | None = None,
-    rinex: str | Path | None = None,
-    navigation: Sequence[str | Path] = (),
-    base: str | Path | Sequence[str | Path] = (),
-    systems: str = "GREC",
-    signals: str = "first",
-) -> Drive:
+def read_great(path: str | Path, options: GreatOptions | None = None) -> Drive:
     """Return one GREAT sequence.
 
     Parameters
     ----------
     path : path
         Folder of the sequence, in either layout.
-    imu : {'mems', 'tactical'}
-        Which IMU to navigate with.
-    lever : {'figure', 'msf_xml'} or array_like, shape (3,)
-        From that IMU to the antenna: a preset (2020 sequences only), or forward-right-down [m].
-        Required, here or in ``great.toml``.
-    reference_point : {'imu', 'antenna', 'mems', 'tactical'} or array_like, shape (3,)
-        Point the reference trajectory is of: the IMU navigated with, the antenna, one of the
-        IMUs, or a vector from the IMU, forward-right-down [m]. Required when there is one.
-    reference_body : {'imu', 'tactical'}, optional
-        Whose attitude the reference holds. Default 'tactical': GREAT's reference comes from the
-        tactical IMU, so that against the MEMS IMU a constant misalignment of about a degree
-        remains.
-    imu_preset : str, optional
-        Name of the noise model; default by `imu`.
-    week : int, optional
-        GPS week of the first IMU row; default from reference and RINEX, with which a declared
-        week has to agree.
-    gyro_unit : {'auto', 'deg/s', 'rad/s'}, optional
-        Default 'auto': told from the course. 'deg/s' is what GREAT's configuration files say.
-    imu_file, reference_file, rinex : path, optional
-        Files to take where the folder has several or none.
-    navigation : sequence of path
-        Broadcast ephemerides, where the folder has none.
-    base : path or sequence of path
-        Observations of one base station, where the folder has none or those of several.
-    systems, signals : str
-        As in `datasets.rtklib.read_observations`.
+    options : GreatOptions, optional
+        `datasets.loading.load` takes its fields as keywords.
 
     Raises
     ------
@@ -93,35 +58,27 @@ def read_great(
     ConfigError
         Something that has to be declared and is not, or not a known value.
     """
-    folder = Path(path)
-    if imu not in IMU_PRESETS:
-        raise ConfigError(f"imu: expected 'mems' or 'tactical', found {imu!r}")
-    declared = read_declared(
-        folder,
-        imu,
-        lever=lever,
-        reference_point=reference_point,
-        reference_body=reference_body,
-        imu_preset=imu_preset,
-        week=week,
-        gyro_unit=gyro_unit,
-    )
-    files = _files(folder, imu, declared, imu_file, reference_file, rinex, navigation, base)
-    table = read_imu_table(files["imu"])
-    trajectory = read_reference_table(files["reference"]) if files["reference"] else None
+    folder, options = Path(path), options or GreatOptions()
+    imu = options.imu
+    declared = read_declared(folder, options)
+    files = _files(folder, options, declared)
+    table = read_imu_table(files.imu)
+    trajectory = read_reference_table(files.reference) if files.reference else None
     found_week = _week(declared.week, table, trajectory, files)
     start, end = gpstime.from_week_sow(found_week, table.sow[[0, -1]])
-    observations_file = choose_observations(tuple(files["observations"]), start, end)
+    observations_file = choose_observations(files.observations, start, end)
 
     from ..rtklib import read_observations
 
     observations = read_observations(
-        observations_file, files["navigation"], systems=systems, signals=signals
+        observations_file, files.navigation, systems=options.systems, signals=options.signals
     )
-    data, physics_notes = _imu(table, found_week, declared, trajectory, observations, files)
+    data, physics_notes = _imu(
+        table, found_week, declared, trajectory, observations, files.navigation
+    )
     lever_b, lever_source = antenna_lever(declared, imu, found_week)
     notes = [
-        f"GREAT: {files['imu'].name}, {observations_file.name}, GPS week {found_week}",
+        f"GREAT: {files.imu.name}, {observations_file.name}, GPS week {found_week}",
         *table.notes,
         *physics_notes,
         "IMU rows are rates, read as means over the interval that ends at their stamp; axes "
@@ -130,7 +87,7 @@ def read_great(
         "mounting of the IMU in the vehicle: "
         + ("not documented, taken as aligned" if declared.lever_vehicle is None else "declared"),
     ]
-    base_station, base_note = _base_station(files, start, end)
+    base_station, base_note = _base_station(paths(options.base), files.base, start, end)
     if base_note:
         notes.append(base_note)
     reference = None
@@ -144,7 +101,7 @@ def read_great(
         imu=data,
         calibration=_calibration(declared, lever_b, lever_source),
         observations=observations,
-        navigation=tuple(files["navigation"]),
+        navigation=files.navigation,
         reference=reference,
         notes=tuple(notes),
         rover_file=observations_file,
@@ -171,40 +128,24 @@ def _calibration(declared: Declared, lever_b: FloatArray, lever_source: str) -> 
     )
 
 
-def _files(
-    folder: Path,
-    imu: str,
-    declared: Declared,
-    imu_file: str | Path | None,
-    reference_file: str | Path | None,
-    rinex: str | Path | None,
-    navigation: Sequence[str | Path],
-    base: str | Path | Sequence[str | Path],
-) -> dict[str, Any]:
+def _files(folder: Path, options: GreatOptions, declared: Declared) -> GreatFiles:
     """Return the files to read: those named in the call, else those found in the folder."""
     if not folder.is_dir():
         raise DataError("no such folder", file=folder, remedy="check the path")
-    named = {"imu": imu_file, "reference": reference_file}
+    named = {"imu": options.imu_file, "reference": options.reference_file}
     found = find_files(
         folder,
-        imu=imu,
+        imu=options.imu,
         reference_point=declared.reference_point,
         named={key: Path(value) for key, value in named.items() if value is not None},
     )
-    if isinstance(navigation, str | Path):
-        navigation = [navigation]
-    if isinstance(base, str | Path):
-        base = [base]
-    files = {
-        "imu": found.imu,
-        "reference": found.reference,
-        "observations": [Path(rinex)] if rinex is not None else list(found.observations),
-        "navigation": [Path(n) for n in navigation] or list(found.navigation),
-        "base": [Path(b) for b in base],
-        "bases found": found.base,
-    }
+    files = dataclasses.replace(
+        found,
+        observations=found.observations if options.rinex is None else (Path(options.rinex),),
+        navigation=paths(options.navigation) or found.navigation,
+    )
     for what, option in (("observations", "rinex"), ("navigation", "navigation")):
-        if not files[what]:
+        if not getattr(files, what):
             raise DataError(
                 f"no RINEX {what} found here or in a GNSS_RAW_DATA folder beside it",
                 file=folder,
@@ -213,11 +154,13 @@ def _files(
     return files
 
 
-def _base_station(files: dict[str, Any], start: float, end: float) -> tuple[tuple[Path, ...], str]:
+def _base_station(
+    named: tuple[Path, ...], found: tuple[Path, ...], start: float, end: float
+) -> tuple[tuple[Path, ...], str]:
     """Return the files of the base station and a note; none where there are several stations."""
-    chosen = tuple(files["base"])
+    chosen = named
     if not chosen:
-        stations = base_stations(files["bases found"], start, end)
+        stations = base_stations(found, start, end)
         if len(stations) > 1:
             names = ", ".join(stations)
             return (), f"several base stations ({names}): for RTK, name the files with base=…"
@@ -227,17 +170,17 @@ def _base_station(files: dict[str, Any], start: float, end: float) -> tuple[tupl
 
 
 def _week(
-    declared: int | None, table: ImuTable, trajectory: ReferenceTable | None, files: dict[str, Any]
+    declared: int | None, table: ImuTable, trajectory: ReferenceTable | None, files: GreatFiles
 ) -> int:
     """Return the GPS week of the first IMU row, on which all sources have to agree."""
     sources: list[tuple[int, str]] = []
     if declared is not None:
         sources.append((int(declared), "declared"))
     if trajectory is not None:
-        where = f"{files['reference']}:{trajectory.week_line}"
+        where = f"{files.reference}:{trajectory.week_line}"
         sources.append((trajectory.week, where))
-    if len(files["observations"]) == 1:
-        rinex = files["observations"][0]
+    if len(files.observations) == 1:
+        rinex = files.observations[0]
         # A recording that begins before midnight on Saturday belongs to the week before.
         first = first_observation(rinex)
         sow = first - gpstime.SECONDS_PER_WEEK * np.floor(first / gpstime.SECONDS_PER_WEEK)
@@ -262,13 +205,13 @@ def _imu(
     declared: Declared,
     trajectory: ReferenceTable | None,
     observations: GnssObservations,
-    files: dict[str, Any],
+    navigation: Sequence[Path],
 ) -> tuple[ImuData, list[str]]:
     """Convert the IMU after telling, or verifying, the gyro's unit against the course."""
     if trajectory is not None:
         time, course = trajectory.time, course_of(trajectory.pos_e, trajectory.vel_e)
     else:
-        time, course = _single_point_course(observations, files["navigation"])
+        time, course = _single_point_course(observations, navigation)
     notes = []
     unit = declared.gyro_unit
     if unit == "auto":

@@ -23,8 +23,9 @@ from ...filters.earth import ecef_to_lla
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix
 from .. import gpstime
+from ..observations import GnssObservations
 from ..placing import written_whole
-from ..sequence import GnssObservations, ImuData, Reference
+from ..series import ImuData, Reference
 from ..simulation.constellation import write_navigation
 from ..simulation.simulator import LEVER_ANTENNA, Simulation, SimulationConfig, simulate
 from .files import SIDECAR

@@ -13,16 +13,10 @@ import numpy as np
 
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
+from ..observations import GnssFixes, GnssObservations
 from ..physics import check_gravity, check_gyro, course_of
-from ..sequence import (
-    Calibration,
-    GnssFixes,
-    GnssObservations,
-    ImuData,
-    Odometer,
-    Reference,
-    Sequence,
-)
+from ..sequence import Calibration, Sequence
+from ..series import ImuData, Odometer, Reference
 from ..text.columns import Column
 from ..text.imu import rates_from_increments
 from ..text.tables import sampling_note

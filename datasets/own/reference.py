@@ -10,7 +10,7 @@ import numpy as np
 from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray
 from ..axes import rpy_of
-from ..sequence import Reference
+from ..series import Reference
 from ..text.columns import Column
 from ..text.tables import sampling_note
 from .declaration import (

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from .. import cache
-from ..sequence import GnssObservations
+from ..observations import GnssObservations
 from . import observations
 
 #: Source whose change makes other observations of the same files.
 _HERE = Path(__file__).parent
 _CODE = sorted(_HERE.glob("*.py")) + [
-    _HERE.parent / name for name in ("text/rinex.py", "gpstime.py", "sequence.py")
+    _HERE.parent / name for name in ("text/rinex.py", "gpstime.py", "fields.py", "observations.py")
 ]
 
 

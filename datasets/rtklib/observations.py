@@ -14,7 +14,7 @@ from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from .. import gpstime
-from ..sequence import GnssObservations
+from ..observations import GnssObservations
 from ..text.rinex import check_observations
 from .file_names import harmless_name
 from .satellites import GPS_EPOCH_GTIME, broadcast_states, load_navigation, satellite_name

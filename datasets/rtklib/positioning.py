@@ -15,7 +15,7 @@ from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import ConfigError
 from ...filters.fault_exclusion import consistent_rows
 from ...filters.rotation import FloatArray
-from ..sequence import GnssFixes, GnssObservations
+from ..observations import GnssFixes, GnssObservations
 from .atmosphere import klobuchar
 from .persistence import Persistent, persistent_faults
 from .satellites import GPS_EPOCH_GTIME, gtime, load_navigation

@@ -18,7 +18,7 @@ from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from .. import gpstime
 from ..formats.rtklib_pos import read_pos
-from ..sequence import GnssFixes, GnssObservations
+from ..observations import GnssFixes, GnssObservations
 from ..text.rinex import check_observations
 from .file_names import harmless_name
 from .observations import _known_systems

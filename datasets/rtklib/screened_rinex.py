@@ -12,7 +12,7 @@ import numpy as np
 
 from ...filters.errors import DataError
 from .. import gpstime
-from ..sequence import GnssObservations
+from ..observations import GnssObservations
 
 
 def write_screened(source: Path, out: Path, observations: GnssObservations) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ...filters.earth import C_en_at, lla_to_ecef
 from ...filters.rotation import FloatArray
-from ..sequence import GnssObservations
+from ..observations import GnssObservations
 from .constellation import Ephemerides
 from .signals import ReceiverClock, observe_open_sky
 

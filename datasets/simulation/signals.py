@@ -20,7 +20,8 @@ from scipy.interpolate import CubicSpline
 from ...filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of, ecef_to_lla
 from ...filters.rotation import FloatArray
 from .. import gpstime
-from ..sequence import GnssObservations, StrArray
+from ..fields import StrArray
+from ..observations import GnssObservations
 from .atmosphere import klobuchar_delay, saastamoinen_delay
 from .canyon import City, Sight
 from .constellation import ION_ALPHA, ION_BETA, Ephemerides

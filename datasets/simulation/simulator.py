@@ -16,13 +16,16 @@ from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray, matrix_from_rpy
 from ...filters.sensors import ImuSpec, imu_preset
 from .. import gpstime
-from ..sequence import Calibration, GnssFixes, GnssObservations, ImuData, Reference, Sequence
+from ..observations import GnssFixes, GnssObservations
+from ..sequence import Calibration, Sequence
+from ..series import ImuData, Reference
 from .base_station import BaseStation, base_position, simulate_base
 from .canyon import DENSITIES, City
 from .constellation import Ephemerides, draw_constellation
+from .sensors import imu_measurements
 from .signals import ReceiverClock, SignalTruth, observe
 from .streets import Drive, RouteConfig, drive
-from .trajectory import Trajectory, imu_measurements
+from .trajectory import Trajectory
 
 #: From the MEMS IMU, forward-right-down [m]: antenna and tactical IMU as in the installation
 #: drawing of the GREAT dataset (2024-11-19).

@@ -17,7 +17,7 @@ from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ...filters.sensors import STANDARD_GRAVITY
 from ..gpstime import SECONDS_PER_WEEK, from_week_sow
-from ..sequence import ImuData
+from ..series import ImuData
 from .tables import Table, increasing, read_table, sampling_note
 
 COLUMNS = ("sow", "gx", "gy", "gz", "ax", "ay", "az")

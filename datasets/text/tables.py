@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray
-from ..sequence import StrArray
+from ..fields import StrArray
 from .numbers import read_numbers
 
 if TYPE_CHECKING:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...datasets.sequence import GnssFixes, GnssObservations, Sequence
+from ...datasets.observations import GnssFixes, GnssObservations
+from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of, ecef_to_lla, lla_to_ecef
 from ...filters.rotation import FloatArray
 from ...velocity.tracks import Track, Tracks

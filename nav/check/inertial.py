@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...datasets.sequence import ImuData, Sequence
+from ...datasets.sequence import Sequence
+from ...datasets.series import ImuData
 from ...filters.earth import gravity_e
 from ...filters.rotation import FloatArray
 from ...filters.sensors import STANDARD_GRAVITY, ImuSpec

@@ -60,7 +60,7 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None) -> Report:
     Parameters
     ----------
     path : path
-        Anything `datasets.load.load` reads.
+        Anything `datasets.loading.load` reads.
     options : mapping, optional
         Options of the reader, as in the configuration's section ``data``.
 
@@ -69,7 +69,7 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None) -> Report:
     Report
         What cannot be read is a fatal finding, not an exception.
     """
-    from ...datasets.load import load
+    from ...datasets.loading import load
 
     try:
         # Units and axes a reader would refuse are judged here, with everything else beside them.

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...datasets.sequence import Reference, Sequence
+from ...datasets.sequence import Sequence
+from ...datasets.series import Reference
 from ...filters.earth import C_en_of
 from ...filters.rotation import FloatArray, matrix_from_rpy
 from ...velocity.tracks import Track, Tracks

@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Align every window of a recording and report."""
-    from ...datasets.load import load
+    from ...datasets.loading import load
     from ...filters.errors import ConfigError
     from ..results.summary import strict
     from ..windows.recording import WindowOptions, align_recording

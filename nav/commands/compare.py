@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Compare, write page and result directories, and say what came out."""
     from ...datasets.cache import kept_in
-    from ...datasets.load import load
+    from ...datasets.loading import load
     from ...datasets.placing import written_whole
     from ...filters.errors import ConfigError
     from ..compare.comparison import compare

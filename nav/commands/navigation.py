@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...datasets.cache import kept_in
 from ...datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
-from ...datasets.load import load
+from ...datasets.loading import load
 from ...datasets.sequence import Sequence
 from ...filters.errors import DataError
 from ..check.recording import check_sequence

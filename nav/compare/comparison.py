@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from ...datasets.sequence import Reference, Sequence
+from ...datasets.sequence import Sequence
+from ...datasets.series import Reference
 from ...filters.earth import C_en_of, ecef_to_lla
 from ...filters.errors import AlignmentError, ConfigError, NavError
 from ...filters.rotation import FloatArray, rpy_from_matrix

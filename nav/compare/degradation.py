@@ -30,7 +30,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...datasets.sequence import GnssObservations, Sequence
+from ...datasets.observations import GnssObservations
+from ...datasets.sequence import Sequence
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ...velocity.range_rate import with_elevation

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...datasets.sequence import ImuData
+from ...datasets.series import ImuData
 from ...filters.ekf import ErrorStateFilter
 from ...filters.error_model import ATT, VEL
 from ...filters.rotation import FloatArray

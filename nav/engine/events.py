@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...alignment.in_motion.rows import DopplerEpoch
-from ...datasets.sequence import GnssObservations
+from ...datasets.observations import GnssObservations
 from ...filters.rotation import FloatArray
 from ...velocity.range_rate import DopplerNoise
 from ..config import GnssConfig

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...alignment.in_motion.rows import DopplerEpoch
-from ...datasets.sequence import GnssFixes, GnssObservations, Sequence
+from ...datasets.observations import GnssFixes, GnssObservations
+from ...datasets.sequence import Sequence
 from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...datasets.sequence import GnssObservations, Sequence
+from ...datasets.observations import GnssObservations
+from ...datasets.sequence import Sequence
 from ...filters.errors import DataError
 from ..config import GnssConfig
 from .events import GnssEvent, inflated

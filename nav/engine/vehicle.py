@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ...datasets.sequence import Calibration, Odometer
+from ...datasets.sequence import Calibration
+from ...datasets.series import Odometer
 from ...filters import constraints
 from ...filters.ekf import ErrorStateFilter
 from ...filters.error_model import GYRO_BIAS, VEL

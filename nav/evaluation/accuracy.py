@@ -23,7 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...datasets.sequence import ImuData, Reference, Sequence
+from ...datasets.sequence import Sequence
+from ...datasets.series import ImuData, Reference
 from ...filters.earth import C_en_of, ecef_to_lla
 from ...filters.errors import DataError
 from ...filters.levers import lever_velocity, rate_over_earth

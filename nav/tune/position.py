@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...datasets.sequence import GnssObservations, Sequence
+from ...datasets.observations import GnssObservations
+from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of
 from ...filters.ekf import ErrorStateFilter
 from ...filters.error_model import ACCEL_BIAS, GYRO_BIAS, ErrorModel
@@ -25,10 +26,10 @@ from ...filters.rotation import FloatArray
 from ...filters.sensors import imu_preset
 from ...filters.strapdown import InertialStream, NavState
 from ...velocity.ddia import SINGULAR_K, ddia_velocity
-from ...velocity.forward_motion import ForwardMotion
 from ...velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows, with_elevation
 from ...velocity.screening import Screening, screen, usable_rows
 from ...velocity.study.pairs import all_pairs
+from ...velocity.vehicle_motion import ForwardMotion
 from ..config import Config
 from ..engine.ddia_update import filter_motion, measurement
 from ..evaluation.interpolation import interpolate

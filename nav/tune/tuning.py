@@ -22,9 +22,9 @@ from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ...velocity.doppler_noise import NoiseFit, fit_doppler_noise, reference_residuals
 from ...velocity.screening import Screening
-from ...velocity.study.pair_table import PairTable, concatenated, describe, pair_table
 from ...velocity.study.samples import reference_samples
 from ...velocity.study.statistics import heat_map
+from ...velocity.study.tables import PairTable, concatenated, describe, pair_table
 from ..config import Config
 from ..sweep import in_parallel
 from .score import Fold, Part, Score, by_sequence, choose, cross_validate, pareto_front, total
@@ -58,7 +58,7 @@ class Tuning:
     min_kept : float
         Retention asked for.
     statistics : dict
-        Of 'pooled' and every sequence; see `velocity.study.pair_table.describe`.
+        Of 'pooled' and every sequence; see `velocity.study.tables.describe`.
     noise : dict of str to NoiseFit
         Doppler noise of every sequence's receiver.
     notes : tuple of str
@@ -254,7 +254,7 @@ def _run(job: _Job) -> _Report:
     """Load one sequence and score it: the unit of work of a sweep."""
     sequence = job.source
     if not isinstance(sequence, Sequence):
-        from ...datasets.load import load
+        from ...datasets.loading import load
 
         sequence = load(sequence, **job.config.data)
     return _velocity(job, sequence) if job.objective == "velocity" else _position(job, sequence)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...alignment.problem import AlignmentRows, ClockModel
 from ...alignment.robust import robust_residuals
-from ...datasets.sequence import GnssObservations
+from ...datasets.observations import GnssObservations
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray
 from ...velocity.doppler_noise import correlated_epochs, fit_doppler_noise

@@ -16,7 +16,8 @@ from ...alignment.reference.certifiable import align_sdp
 from ...alignment.result import AlignmentResult, Verdict
 from ...alignment.robust import align_robust
 from ...alignment.verdict import align
-from ...datasets.sequence import GnssObservations, Sequence
+from ...datasets.observations import GnssObservations
+from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of
 from ...filters.errors import AlignmentError, ConfigError
 from ...filters.rotation import FloatArray, wrap_angle

@@ -10,7 +10,7 @@ from certnav.alignment.problem import AlignmentRows, build_problem
 from certnav.alignment.reference.certifiable import align_sdp
 from certnav.alignment.solver.refinement import rotation_angle
 from certnav.alignment.status import AlignmentStatus
-from certnav.datasets.sequence import GnssObservations
+from certnav.datasets.observations import GnssObservations
 from certnav.filters.earth import SPEED_OF_LIGHT, C_en_of, lla_to_ecef
 from certnav.velocity.range_rate import doppler_rows, predicted_range_rate
 

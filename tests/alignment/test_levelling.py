@@ -7,8 +7,9 @@ import pytest
 
 from certnav.alignment.levelling import VelocityTrack, given_attitude, level_and_course
 from certnav.datasets.gpstime import from_week_sow
+from certnav.datasets.simulation.sensors import imu_measurements
 from certnav.datasets.simulation.streets import RouteConfig, drive
-from certnav.datasets.simulation.trajectory import Trajectory, imu_measurements
+from certnav.datasets.simulation.trajectory import Trajectory
 from certnav.filters.earth import C_en_of, lla_to_ecef
 from certnav.filters.errors import AlignmentError
 from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix

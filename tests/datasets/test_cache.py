@@ -5,7 +5,7 @@ import pytest
 
 from certnav.datasets import cache
 from certnav.datasets.great.writer import simulate_folder
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.datasets.simulation.simulator import SimulationConfig
 
 

@@ -6,48 +6,29 @@ Each case breaks one file of a sound recording and reads it as a user would.
 from __future__ import annotations
 
 import gzip
-import importlib
 import io
 import shutil
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from certnav.datasets.physics import gyro_unit_ratio
-from certnav.datasets.sequence import ImuData
+from certnav.datasets.series import ImuData
 from certnav.datasets.text.rinex import check_observations
 from certnav.datasets.text.tables import read_lines, read_table, sampling_note
 from certnav.datasets.text.toml_files import parse_toml
 from certnav.filters.errors import DataError, NavError
-
-SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
+from oracles.readers import READ
+from oracles.seeds import SHARED, make_seeds
 
 
 @pytest.fixture(scope="module")
-def fuzz_seeds():
-    """The module that makes small sound inputs for every reader."""
+def seeds(tmp_path_factory):
+    """A small sound input for every reader: their folder, and what they are by name."""
     for package in ("pyubx2", "pynmeagps", "hatanaka"):
         pytest.importorskip(package)
-    sys.path.insert(0, str(SCRIPTS))
-    try:
-        yield importlib.import_module("fuzz_seeds")
-    finally:
-        sys.path.remove(str(SCRIPTS))
-
-
-@pytest.fixture(scope="module")
-def read(fuzz_seeds):
-    """By the name of a seed: the function that reads its folder."""
-    return importlib.import_module("fuzz_readers").READ
-
-
-@pytest.fixture(scope="module")
-def seeds(fuzz_seeds, tmp_path_factory):
     root = tmp_path_factory.mktemp("seeds")
-    targets = fuzz_seeds.make_seeds(root, None)
-    return root, {t.name: t for t in targets}
+    return root, {t.name: t for t in make_seeds(root, None)}
 
 
 def lines(change):
@@ -141,10 +122,10 @@ CASES = [
     ("target", "name", "change", "message"), CASES, ids=[f"{c[0]}-{k}" for k, c in enumerate(CASES)]
 )
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_damage_is_one_line(fuzz_seeds, read, seeds, tmp_path, target, name, change, message):
+def test_damage_is_one_line(seeds, tmp_path, target, name, change, message):
     root, targets = seeds
     folder = tmp_path / "copy"
-    shutil.copytree(root / fuzz_seeds.SHARED.get(target, target), folder)
+    shutil.copytree(root / SHARED.get(target, target), folder)
     assert name in targets[target].kinds
     file = folder / name
     if change is DIRECTORY:
@@ -156,16 +137,16 @@ def test_damage_is_one_line(fuzz_seeds, read, seeds, tmp_path, target, name, cha
         assert after != before
         file.write_bytes(after)
     with pytest.raises(NavError, match=message) as caught:
-        read[target](folder)
+        READ[target](folder)
     assert len(str(caught.value).splitlines()) == 1
     assert len(str(caught.value)) < 700
 
 
 @pytest.mark.parametrize("target", ["great", "own_data", "rinex_2", "packed", "declare", "ubx"])
-def test_the_sound_recordings_are_read(fuzz_seeds, read, seeds, target):
+def test_the_sound_recordings_are_read(seeds, target):
     """Without which the cases above would show nothing."""
     root, _ = seeds
-    read[target](root / fuzz_seeds.SHARED.get(target, target))
+    READ[target](root / SHARED.get(target, target))
 
 
 def test_a_ubx_message_with_an_impossible_date(seeds, tmp_path):
@@ -288,7 +269,7 @@ def test_a_carriage_return_alone(tmp_path, ends):
         read_table(file, ("a", "b", "c"), exact=False)
 
 
-def test_ephemerides_of_an_impossible_date(read, seeds, tmp_path):
+def test_ephemerides_of_an_impossible_date(seeds, tmp_path):
     """The week of ephemeris is as wrong as it can be printed: the message has no date for it."""
     folder = tmp_path / "copy"
     shutil.copytree(seeds[0] / "rinex_3", folder)
@@ -298,7 +279,7 @@ def test_ephemerides_of_an_impossible_date(read, seeds, tmp_path):
         text[k + 5] = text[k + 5][:42] + " 9.999999999999E+08" + text[k + 5][61:]
     (folder / "brdc.nav").write_text("\n".join(text))
     with pytest.raises(DataError, match="no ephemeris"):
-        read["rinex_3"](folder)
+        READ["rinex_3"](folder)
 
 
 @pytest.mark.parametrize(
@@ -309,7 +290,7 @@ def test_ephemerides_of_an_impossible_date(read, seeds, tmp_path):
         ("> 2020 10 27", "> 2021 02 30", "expected the date of an epoch, found '2021 02 30"),
     ],
 )
-def test_epochs_of_an_impossible_date(read, seeds, tmp_path, old, new, message):
+def test_epochs_of_an_impossible_date(seeds, tmp_path, old, new, message):
     """RTKLIB would take them for another time."""
     folder = tmp_path / "copy"
     shutil.copytree(seeds[0] / "relative", folder)
@@ -317,10 +298,10 @@ def test_epochs_of_an_impossible_date(read, seeds, tmp_path, old, new, message):
     at = text.rindex(old)
     (folder / "rover.obs").write_text(text[:at] + new + text[at + len(old) :])
     with pytest.raises(DataError, match=message):
-        read["relative"](folder)
+        READ["relative"](folder)
 
 
-def test_an_absurd_satellite_clock_is_refused(read, seeds, tmp_path):
+def test_an_absurd_satellite_clock_is_refused(seeds, tmp_path):
     """RTKLIB would carry a GLONASS orbit over as many years, a minute at a time."""
     folder = tmp_path / "copy"
     shutil.copytree(seeds[0] / "rinex_3", folder)
@@ -329,7 +310,7 @@ def test_an_absurd_satellite_clock_is_refused(read, seeds, tmp_path):
     text[k] = text[k][:23] + "-9.220000000000E+16" + text[k][42:]
     (folder / "brdc.nav").write_text("\n".join(text))
     with pytest.raises(DataError, match=r"clock off by less than 1 s, found -9\.22e\+16 s"):
-        read["rinex_3"](folder)
+        READ["rinex_3"](folder)
 
 
 @pytest.mark.parametrize("number", ["1e308", "-1e21", "inf", "nan"])
@@ -341,7 +322,7 @@ def test_numbers_that_measure_nothing(tmp_path, number):
         read_table(file, ("a", "b"))
 
 
-def test_a_file_name_that_is_none(read, seeds, tmp_path):
+def test_a_file_name_that_is_none(seeds, tmp_path):
     folder = tmp_path / "copy"
     shutil.copytree(seeds[0] / "own_rinex", folder)
     text = (folder / "sequence.toml").read_text()
@@ -350,7 +331,7 @@ def test_a_file_name_that_is_none(read, seeds, tmp_path):
         new = '["\\u0000"]' if value.startswith("[") else '"\\u0000"'
         (folder / "sequence.toml").write_text(text.replace(old, f"{key} = {new}"))
         with pytest.raises(NavError, match=r"expected a text|navigation is not declared"):
-            read["own_rinex"](folder)
+            READ["own_rinex"](folder)
 
 
 @pytest.mark.parametrize(
@@ -361,14 +342,14 @@ def test_a_file_name_that_is_none(read, seeds, tmp_path):
         (lines(lambda text: text.__setitem__(1, "\n" + "1," * 8000)), "above a row of 8001"),
     ],
 )
-def test_blank_lines_hide_no_columns(read, seeds, tmp_path, change, message):
+def test_blank_lines_hide_no_columns(seeds, tmp_path, change, message):
     """pandas passes over blank lines, and took minutes to name 100 000 columns behind them."""
     folder = tmp_path / "copy"
     shutil.copytree(seeds[0] / "comma2k19", folder)
     file = folder / "derived/gps_ublox_with_satpv.csv"
     file.write_bytes(change(file.read_bytes()))
     with pytest.raises(DataError, match=message):
-        read["comma2k19"](folder)
+        READ["comma2k19"](folder)
 
 
 def test_an_epoch_without_satellites_does_not_stop_the_reader(tmp_path):

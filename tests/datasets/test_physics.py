@@ -12,7 +12,7 @@ from certnav.datasets.physics import (
     decide_gyro_unit,
     gyro_unit_ratio,
 )
-from certnav.datasets.sequence import ImuData
+from certnav.datasets.series import ImuData
 from certnav.filters.earth import C_en_of, lla_to_ecef
 from certnav.filters.errors import DataError
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.datasets.sequence import Calibration, GnssFixes, GnssObservations, Odometer, Sequence
+from certnav.datasets.observations import GnssFixes, GnssObservations
+from certnav.datasets.sequence import Calibration, Sequence
+from certnav.datasets.series import Odometer
 from certnav.filters.errors import DataError
 from certnav.filters.sensors import imu_preset
 

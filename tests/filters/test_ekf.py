@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from certnav.datasets.sequence import ImuData
-from certnav.datasets.simulation.trajectory import fixes_from_truth, imu_measurements
+from certnav.datasets.series import ImuData
+from certnav.datasets.simulation.sensors import fixes_from_truth, imu_measurements
 from certnav.filters import _kernels, measurements
 from certnav.filters.earth import C_en_of
 from certnav.filters.ekf import ErrorStateFilter, gate_limit

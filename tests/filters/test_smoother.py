@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from certnav.datasets.simulation.trajectory import fixes_from_truth, imu_measurements
+from certnav.datasets.simulation.sensors import fixes_from_truth, imu_measurements
 from certnav.filters import _kernels, measurements
 from certnav.filters.earth import C_en_of
 from certnav.filters.ekf import ErrorStateFilter

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from certnav.datasets.sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
+from certnav.datasets.observations import GnssFixes
+from certnav.datasets.sequence import Calibration, Sequence
+from certnav.datasets.series import ImuData, Reference
 from certnav.filters.earth import OMEGA_IE_E, C_en_at, C_en_of, lla_to_ecef
 from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy, rpy_from_matrix
 from certnav.filters.sensors import imu_preset

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.errors import DataError
 from certnav.nav.config import from_tables
 from certnav.nav.engine.gnss import gnss_timeline

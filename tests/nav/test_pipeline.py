@@ -5,9 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from certnav.datasets.sequence import GnssFixes, ImuData, Sequence
+from certnav.datasets.observations import GnssFixes
+from certnav.datasets.sequence import Sequence
+from certnav.datasets.series import ImuData
+from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.errors import AlignmentError, ConfigError, DataError
 from certnav.nav.config import from_tables
 from certnav.nav.engine.gnss import gnss_timeline, sources

@@ -17,7 +17,7 @@ from certnav.datasets.formats.rtklib_pos import read_pos
 from certnav.datasets.great.writer import write_imu, write_reference
 from certnav.datasets.own.declaration import ACCEL_UNITS, GYRO_UNITS
 from certnav.datasets.own.reader import read_declared
-from certnav.datasets.sequence import ImuData, Reference
+from certnav.datasets.series import ImuData, Reference
 from certnav.datasets.text.columns import open_text, read_columns
 from certnav.datasets.text.imu import read_imu_table, read_imu_text
 from certnav.datasets.text.tables import read_table
@@ -35,6 +35,8 @@ from certnav.nav.config import (
 from certnav.nav.results.formats import write_nav, write_pos, write_tum
 from certnav.nav.results.tables import read_solution, write_solution
 from certnav.nav.solution import Epochs, Trajectory
+from oracles.bends import bends
+from oracles.declarations import PLAIN, changed
 
 seeds = st.integers(0, 2**32 - 1)
 WEEK = 2129
@@ -297,21 +299,6 @@ def is_right_handed(name):
 AXES = [name for name in AXES if is_right_handed(name)]
 
 
-def motion():
-    """A level drive at 10 m/s through bends, forward-right-down."""
-    t = START + np.arange(0.0, SPAN, 1.0 / HZ)
-    since = t - START
-    rate = 0.4 * np.cos(since / 3.0)
-    heading = 1.2 * np.sin(since / 3.0)
-    zero = np.zeros(t.size)
-    gyro = np.column_stack([0.01 + zero, 0.02 + zero, rate])
-    accel = np.column_stack([0.1 + zero, 10.0 * rate, zero - 9.79])
-    vel_n = 10.0 * np.column_stack([np.cos(heading), np.sin(heading), zero])
-    lat, lon = np.radians([30.5, 114.4])
-    path = np.vstack([np.zeros(3), np.cumsum(0.5 * (vel_n[1:] + vel_n[:-1]) / HZ, axis=0)])
-    return t, gyro, accel, vel_n, lla_to_ecef(lat, lon, 20.0) + path @ C_en_at(lat, lon).T
-
-
 @settings(max_examples=40)
 @given(
     st.sampled_from(sorted(SCALES)),
@@ -327,7 +314,10 @@ def test_a_declaration_undoes_what_it_declares(
 ):
     """Any units, axes, time scale and order of columns: the same motion comes out."""
     folder = tmp_path_factory.mktemp("own")
-    t, gyro, accel, vel_n, pos_e = motion()
+    drive = bends(START, HZ, SPAN)
+    t, vel_n, pos_e = drive.time, drive.vel_n, drive.pos_e
+    gyro = drive.gyro_b + np.array([0.01, 0.02, 0.0])
+    accel = drive.accel_b + np.array([0.1, 0.0, 0.0])
     stamp, lines = SCALES[scale]
     C_bs = axes_matrix(axes, key="axes")
     columns = {"t": stamp(t)}
@@ -351,36 +341,18 @@ def test_a_declaration_undoes_what_it_declares(
     gyro_columns, accel_columns = (
         "[" + ", ".join(column(s + a) for a in "xyz") + "]" for s in "ga"
     )
-    (folder / "sequence.toml").write_text(f"""
-[time]
-{lines}
-[imu]
-file = "imu.csv"
-time = {column("t")}
-gyro = {gyro_columns}
-accel = {accel_columns}
-gyro_unit = "{gyro_unit}"
-accel_unit = "{accel_unit}"
-axes = "{axes}"
-[imu.noise]
-preset = "consumer"
-[antenna]
-lever_frd_m = [0.1, 0.2, -1.0]
-[vehicle]
-mounting_rpy_deg = [0.0, 0.0, 0.0]
-[gnss]
-file = "gnss.csv"
-time = "t"
-position = ["lat", "lon", "h"]
-position_frame = "lla"
-angle_unit = "deg"
-height = "ellipsoid"
-position_sigma_m = [1.0, 1.0, 2.0]
-velocity = ["vn", "ve", "vd"]
-velocity_frame = "ned"
-velocity_unit = "m/s"
-velocity_sigma_mps = 0.1
-""")
+    whole = changed(
+        PLAIN,
+        ('scale = "gps-sow"\nweek = 2129', lines),
+        ('file = "imu.csv"\ntime = "t"', f'file = "imu.csv"\ntime = {column("t")}'),
+        ('["gx", "gy", "gz"]', gyro_columns),
+        ('["ax", "ay", "az"]', accel_columns),
+        ('"deg/s"', f'"{gyro_unit}"'),
+        ('"m/s2"', f'"{accel_unit}"'),
+        ('"RFU"', f'"{axes}"'),
+        ('position_sigma = ["sn", "se", "su"]', "position_sigma_m = [1.0, 1.0, 2.0]"),
+    )
+    (folder / "sequence.toml").write_text(whole.partition("[reference]")[0])
     sequence = read_declared(folder)
     np.testing.assert_allclose(sequence.imu.time, t, atol=2e-3)  # 12 digits of 1.3e12 ms
     # the first increment's interval is unknown and taken as the usual one, as they all are here

@@ -2,25 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-from pathlib import Path
 
 import pytest
 
-SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
-
-
-def load(name):
-    spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
 
 @pytest.fixture(scope="module")
-def figures():
-    return load("alignment_figures")
+def figures(script):
+    return script("alignment_figures")
 
 
 @pytest.mark.parametrize("figure", [3, 4])
@@ -82,9 +71,9 @@ def test_no_runs_are_refused(figures, capsys):
     assert "--runs: expected at least 1, found 0" in capsys.readouterr().err
 
 
-def test_benchmark_measures_both_solvers(capsys):
+def test_benchmark_measures_both_solvers(script, capsys):
     pytest.importorskip("cvxpy")
-    assert load("alignment_sdp_benchmark").main(["--runs", "3", "--json"]) == 0
+    assert script("alignment_sdp_benchmark").main(["--runs", "3", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["cost_difference_max"] < 1e-8
     assert min(result["clarabel_ms_median"], result["cvxpy_ms_median"]) > 0.0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from certnav.filters.earth import C_en_of
+from oracles.faults import FAULTS, jump
 
 
 @pytest.fixture(scope="module")
@@ -18,27 +19,27 @@ def drives(module, tmp_path_factory):
     return module.bases(0, tmp_path_factory.mktemp("faults"), {"fixes"}, real=False)
 
 
-def fault(module, name, base="fixes"):
-    (found,) = (f for f in module.FAULTS if f.name == name and f.base == base)
+def fault(name, base="fixes"):
+    (found,) = (f for f in FAULTS if f.name == name and f.base == base)
     return found
 
 
-def test_faults_are_told_apart_and_can_be_done(module):
-    assert len({(f.name, f.base) for f in module.FAULTS}) == len(module.FAULTS) >= 40
-    assert all((f.files is None) != (f.data is None) for f in module.FAULTS)
-    assert all(f.files is None or f.base == "raw" for f in module.FAULTS)
+def test_faults_are_told_apart_and_can_be_done():
+    assert len({(f.name, f.base) for f in FAULTS}) == len(FAULTS) >= 40
+    assert all((f.files is None) != (f.data is None) for f in FAULTS)
+    assert all(f.files is None or f.base == "raw" for f in FAULTS)
 
 
-def test_the_drive_moves_and_turns_where_faults_begin(module, drives):
+def test_the_drive_moves_and_turns_where_faults_begin(drives):
     drive = drives["fixes"]
     imu = drive.sequence.imu
     during = (imu.time > drive.begin) & (imu.time < drive.begin + 10.0)
     assert np.degrees(np.abs(imu.gyro_b[during, 2]).sum() * imu.interval) > 45.0
 
 
-def test_a_jump_is_as_far_and_as_long_as_said(module, drives):
+def test_a_jump_is_as_far_and_as_long_as_said(drives):
     drive = drives["fixes"]
-    jumped = module._jump(15.0, 10)(drive.sequence, drive.begin).fixes
+    jumped = jump(15.0, 10)(drive.sequence, drive.begin).fixes
     moved = jumped.pos_e - drive.sequence.fixes.pos_e
     east = np.einsum("nji,nj->ni", C_en_of(jumped.pos_e), moved)
     far = np.abs(east[:, 1]) > 1.0
@@ -50,9 +51,9 @@ def test_a_long_jump_is_noted_and_a_short_one_does_no_harm(module, drives, tmp_p
     drive = drives["fixes"]
     sound = drive.sound
     assert sound.ratio < 1.6 and sound.rms < 1.0
-    one = module.broken(fault(module, "15 m jump of the fix, 1 epoch"), drive, tmp_path)
-    ten = module.broken(fault(module, "15 m jump of the fix, 10 epochs"), drive, tmp_path)
-    many = module.broken(fault(module, "15 m jump of the fix, 40 epochs"), drive, tmp_path)
+    one = module.broken(fault("15 m jump of the fix, 1 epoch"), drive, tmp_path)
+    ten = module.broken(fault("15 m jump of the fix, 10 epochs"), drive, tmp_path)
+    many = module.broken(fault("15 m jump of the fix, 40 epochs"), drive, tmp_path)
     assert one.verdict == "silent" and one.refused == sound.refused + 1
     assert one.largest < sound.largest + 0.1
     assert ten.verdict == "noted" and ten.largest < sound.largest + 0.5
@@ -61,7 +62,7 @@ def test_a_long_jump_is_noted_and_a_short_one_does_no_harm(module, drives, tmp_p
 
 def test_utc_is_refused_with_the_leap_seconds(module, drives, tmp_path):
     drive = drives["fixes"]
-    outcome = module.broken(fault(module, "GNSS 18 s early (UTC)"), drive, tmp_path)
+    outcome = module.broken(fault("GNSS 18 s early (UTC)"), drive, tmp_path)
     assert outcome.verdict == "refused" and "leap seconds" in outcome.lines[0]
     assert outcome.largest > 50.0  # what --unchecked would have made of it
 

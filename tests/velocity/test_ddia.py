@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.datasets.sequence import GnssObservations
+from certnav.datasets.observations import GnssObservations
 from certnav.filters.earth import C_en_of, lla_to_ecef
 from certnav.filters.errors import ConfigError
 from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy
@@ -16,8 +16,8 @@ from certnav.velocity.ddia import (
     drift_free,
     ndia_velocity,
 )
-from certnav.velocity.forward_motion import forward_motion
 from certnav.velocity.range_rate import DopplerNoise, doppler_rows, predicted_range_rate
+from certnav.velocity.vehicle_motion import forward_motion
 
 ANTENNA = lla_to_ecef(np.radians(30.53), np.radians(114.36), 35.0)
 C_EN = C_en_of(ANTENNA)
@@ -278,6 +278,24 @@ def test_geometry_without_information_is_refused():
     k = ddia_pair(rows, car.motion(), 0.0, min_k=0.0).k
     assert ddia_pair(rows, car.motion(), 0.0, min_k=k * 1.001).status == "singular geometry"
     assert ddia_pair(rows, car.motion(), 0.0, min_k=k * 0.999).ok
+
+
+def test_no_velocity_is_nan_of_the_shape_it_would_have():
+    """Results of epochs are stacked: one without a velocity must not change what comes out."""
+    rng = np.random.default_rng(17)
+    car = Car(rng)
+    rows = car.rows(rng, 4)
+    found, nothing = (ddia_velocity(r, car.motion(), 3.0) for r in (rows, rows.take(slice(0, 1))))
+    assert found.ok and not nothing.ok and nothing.time == 3.0
+    for name in ("vel_e", "cov_e", "noise_cov_e", "attitude_e"):
+        assert getattr(nothing, name).shape == getattr(found, name).shape
+        assert np.isnan(getattr(nothing, name)).all()
+    for name in ("speed", "sigma_doppler", "sigma_attitude", "clock_drift", "k", "chi2"):
+        assert np.isnan(getattr(nothing, name))
+    assert np.isnan(nothing.sigma_clock_drift) and np.isnan(nothing.variance_factor)
+    assert nothing.satellites == nothing.rejected == () and nothing.dof == 0
+    assert nothing.row.dtype == found.row.dtype
+    assert nothing.row.size == nothing.residuals.size == 0
 
 
 def test_a_reflected_signal_is_found_and_named():

@@ -122,8 +122,16 @@ def test_five_satellites_detect_but_cannot_identify():
 
 
 def test_three_satellites_are_too_few():
-    found = doppler_velocity(epoch(np.random.default_rng(8), 3), 0.0)
-    assert found.status == "too few satellites" and not found.ok
+    """And what there is no velocity of has the shapes of one: epochs are stacked."""
+    found = doppler_velocity(epoch(np.random.default_rng(8), 3), 7.0)
+    assert found.status == "too few satellites" and not found.ok and found.time == 7.0
+    one = doppler_velocity(epoch(np.random.default_rng(8), 8), 7.0)
+    for name in ("vel_e", "cov_e"):
+        assert getattr(found, name).shape == getattr(one, name).shape
+        assert np.isnan(getattr(found, name)).all()
+    assert np.isnan([found.clock_drift, found.chi2, found.variance_factor]).all()
+    assert found.satellites == found.rejected == () and found.dof == 0
+    assert found.row.dtype == one.row.dtype and found.row.size == found.residuals.size == 0
 
 
 def test_equal_elevations_are_degenerate():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.datasets.sequence import GnssObservations
+from certnav.datasets.observations import GnssObservations
 from certnav.filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of, lla_to_ecef
 from certnav.filters.errors import ConfigError
 from certnav.velocity.least_squares import doppler_velocities
@@ -218,6 +218,23 @@ def test_noise_model_is_thermal_above_its_floor():
     assert DopplerNoise(0.1, 0.2).sigma(90.0) == pytest.approx(0.2, rel=1e-4)
 
 
-def test_noise_model_refuses_a_zero_floor():
-    with pytest.raises(ConfigError, match="floor > 0"):
-        DopplerNoise(floor=0.0)
+@pytest.mark.parametrize(
+    ("noise", "message"),
+    [
+        ({"floor": 0.0}, "floor > 0"),
+        ({"floor": np.nan}, "floor > 0"),
+        ({"sigma_45": -0.01}, "sigma_45 ≥ 0"),
+        ({"decade_db": 0.0}, "decade_db > 0"),
+        ({"decade_db": -20.0}, "decade_db > 0"),
+        ({"decade_db": np.nan}, "decade_db > 0"),
+    ],
+)
+def test_noise_that_no_receiver_has_is_refused(noise, message):
+    with pytest.raises(ConfigError, match=message):
+        DopplerNoise(**noise)
+
+
+def test_noise_may_be_the_floor_alone_and_fall_faster_than_thermal_noise():
+    np.testing.assert_array_equal(DopplerNoise(0.0, 0.05).sigma([20.0, np.nan]), 0.05)
+    steep = DopplerNoise(0.1, 1e-6, decade_db=10.0)
+    np.testing.assert_allclose(steep.sigma([45.0, 35.0, 25.0]), [0.1, 1.0, 10.0], rtol=1e-6)

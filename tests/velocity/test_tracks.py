@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.earth import C_en_of
 from certnav.velocity.tracks import differenced, thinned, tracks
 

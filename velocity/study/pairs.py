@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...filters.rotation import FloatArray
-from ..forward_motion import ForwardMotion
 from ..range_rate import DopplerRows
+from ..vehicle_motion import ForwardMotion
 
 IntArray = NDArray[np.int64]
 

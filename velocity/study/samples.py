@@ -17,12 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from ...datasets.sequence import GnssObservations, ImuData, Reference, Sequence
+from ...datasets.observations import GnssObservations
+from ...datasets.sequence import Sequence
+from ...datasets.series import ImuData, Reference
 from ...filters.earth import OMEGA_IE_E, C_en_of
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray, matrix_from_rpy
-from ..forward_motion import ForwardMotion, forward_motion
 from ..range_rate import DopplerNoise, DopplerRows, doppler_rows, with_elevation
+from ..vehicle_motion import ForwardMotion, forward_motion
 from .pairs import Pairs, all_pairs, velocity_errors
 
 #: Longest step of the reference that is interpolated [s].

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from certnav.datasets.formats.kfgins import is_kfgins, kind_of, read_gnss, read_kfgins, read_nav
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.filters.earth import C_en_at, C_en_of, ecef_to_lla, lla_to_ecef
 from certnav.filters.errors import ConfigError, DataError
 

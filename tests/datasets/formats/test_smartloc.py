@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from certnav.datasets.formats.smartloc import DRIVE, RAW, read_smartloc
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of
 from certnav.filters.errors import DataError
 from certnav.filters.rotation import wrap_angle

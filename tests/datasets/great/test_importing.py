@@ -223,7 +223,7 @@ def test_content_decides(tmp_path, content, kind):
 def test_a_simulated_sequence_survives_being_zipped(tmp_path):
     """The writer's own folder, packed under names that say nothing, loads as it did."""
     from certnav.datasets.great.writer import simulate_folder
-    from certnav.datasets.load import load
+    from certnav.datasets.loading import load
     from certnav.datasets.simulation.simulator import SimulationConfig
 
     folder = simulate_folder(

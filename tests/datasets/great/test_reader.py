@@ -10,8 +10,9 @@ import pytest
 
 from certnav.datasets import gpstime
 from certnav.datasets.great.files import first_observation, is_great, rinex_kind
+from certnav.datasets.great.options import GreatOptions
 from certnav.datasets.great.reader import read_great
-from certnav.datasets.sequence import GnssFixes, GnssObservations
+from certnav.datasets.observations import GnssFixes, GnssObservations
 from certnav.filters.earth import C_en_at, ecef_to_lla, lla_to_ecef
 from certnav.filters.errors import ConfigError, DataError
 
@@ -137,7 +138,7 @@ DECLARED = {"lever": "figure", "reference_point": "imu"}
 
 
 def test_dataset_layout_is_read_into_forward_right_down_si_and_gps_time(tmp_path, observations):
-    drive = read_great(write_drive(tmp_path / "Dataset_campus-01"), **DECLARED)
+    drive = read_great(write_drive(tmp_path / "Dataset_campus-01"), GreatOptions(**DECLARED))
     assert drive.name == "Dataset_campus-01"
     assert drive.imu.time[0] == 2129 * 604800.0 + 180590.0
     yaw_rate = 0.4 * np.cos((drive.imu.time - drive.imu.time[0]) / 3.0)
@@ -168,7 +169,7 @@ def test_msf_sample_layout_in_any_case_and_the_base_is_no_rover(
     write_rinex(folder / "GNSS/Base/R2933010.20o", "O", 2129 * 604800.0 + 180000.0)
     (folder / "xml").mkdir()
     assert is_great(folder)
-    read_great(folder, lever="msf_xml", reference_point="imu")
+    read_great(folder, GreatOptions(lever="msf_xml", reference_point="imu"))
     assert observations[0][0] == folder / rover
 
 
@@ -178,12 +179,12 @@ def test_gnss_raw_data_beside_the_sequence_is_searched_and_the_day_chosen(tmp_pa
     right = write_rinex(archive / "rover/1027.20O", "O", 2129 * 604800.0 + 180560.0)
     write_rinex(archive / "rover/1029.20O", "O", 2129 * 604800.0 + 367000.0)
     write_rinex(archive / "nav/brdc3010.20n", "N")
-    read_great(folder, **DECLARED)
+    read_great(folder, GreatOptions(**DECLARED))
     assert observations[0][0] == right
     write_rinex(archive / "rover/1027b.20O", "O", 2129 * 604800.0 + 180500.0)
     with pytest.raises(ConfigError, match=r"several rover files .*1027\.20O, 1027b\.20O.*rinex="):
-        read_great(folder, **DECLARED)
-    read_great(folder, **DECLARED, rinex=right)
+        read_great(folder, GreatOptions(**DECLARED))
+    read_great(folder, GreatOptions(**DECLARED, rinex=right))
     assert observations[-1][0] == right
 
 
@@ -201,7 +202,7 @@ def test_rinex_is_told_by_content_not_by_name(tmp_path):
 
 def test_urban_02_is_week_2233_from_reference_and_rinex(tmp_path):
     folder = write_drive(tmp_path / "Dataset_urban-02", week=2233, sow=20000.0)
-    drive = read_great(folder, lever=(-1.0, 0.0, -0.5), reference_point="imu")
+    drive = read_great(folder, GreatOptions(lever=(-1.0, 0.0, -0.5), reference_point="imu"))
     assert drive.imu.time[0] == 2233 * 604800.0 + 20000.0
 
 
@@ -210,7 +211,7 @@ def test_the_hard_coded_week_2129_is_refused_for_urban_02(tmp_path):
     with pytest.raises(
         DataError, match=r"GPS week 2129 \(declared\) and 2233 \(.*groundtruth"
     ) as e:
-        read_great(folder, lever=(-1.0, 0.0, -0.5), reference_point="imu", week=2129)
+        read_great(folder, GreatOptions(lever=(-1.0, 0.0, -0.5), reference_point="imu", week=2129))
     assert "\n" not in str(e.value)
 
 
@@ -218,18 +219,18 @@ def test_reference_and_rinex_of_different_weeks_are_refused(tmp_path):
     folder = write_drive(tmp_path / "d", week=2233)
     write_rinex(folder / "GNSS/Rover/SEPT3010.20O", "O", 2129 * 604800.0 + 180560.0)
     with pytest.raises(DataError, match=r"week 2233 .*groundtruth\.txt:3.* and 2129 .*SEPT3010"):
-        read_great(folder, lever=(0, 0, 0), reference_point="imu")
+        read_great(folder, GreatOptions(lever=(0, 0, 0), reference_point="imu"))
 
 
 def test_rover_file_that_begins_before_the_week_does(tmp_path):
     folder = write_drive(tmp_path / "d", week=2233, sow=10.0)  # RINEX begins at −20 s
-    drive = read_great(folder, lever=(0, 0, 0), reference_point="imu")
+    drive = read_great(folder, GreatOptions(lever=(0, 0, 0), reference_point="imu"))
     assert drive.imu.time[0] == 2233 * 604800.0 + 10.0
 
 
 def test_week_from_rinex_alone(tmp_path):
     folder = write_drive(tmp_path / "d", truth_name="")
-    drive = read_great(folder, lever="figure")
+    drive = read_great(folder, GreatOptions(lever="figure"))
     assert drive.reference is None
     assert any("gyro unit deg/s" in note for note in drive.notes)  # course of single points
     assert drive.imu.time[0] == 2129 * 604800.0 + 180590.0
@@ -240,7 +241,7 @@ def test_week_from_rinex_alone(tmp_path):
 
 
 def test_radians_are_found_by_physics_and_said(tmp_path):
-    drive = read_great(write_drive(tmp_path / "d", gyro_unit="rad/s"), **DECLARED)
+    drive = read_great(write_drive(tmp_path / "d", gyro_unit="rad/s"), GreatOptions(**DECLARED))
     yaw_rate = 0.4 * np.cos((drive.imu.time - drive.imu.time[0]) / 3.0)
     np.testing.assert_allclose(drive.imu.gyro_b[:, 2], yaw_rate, atol=1e-7)
     assert any("gyro unit rad/s: integrated yaw rate" in note for note in drive.notes)
@@ -249,8 +250,8 @@ def test_radians_are_found_by_physics_and_said(tmp_path):
 def test_a_straight_drive_cannot_tell_and_asks(tmp_path):
     folder = write_drive(tmp_path / "d", rate=0.0)
     with pytest.raises(DataError, match=r"gyro unit cannot be told.*declare gyro_unit="):
-        read_great(folder, **DECLARED)
-    drive = read_great(folder, **DECLARED, gyro_unit="deg/s")
+        read_great(folder, GreatOptions(**DECLARED))
+    drive = read_great(folder, GreatOptions(**DECLARED, gyro_unit="deg/s"))
     assert any("taken as declared" in note for note in drive.notes)
 
 
@@ -258,7 +259,7 @@ def test_a_straight_drive_cannot_tell_and_asks(tmp_path):
 def test_a_declared_unit_that_contradicts_the_course_is_refused(tmp_path, true, declared):
     folder = write_drive(tmp_path / "d", gyro_unit=true)
     with pytest.raises(DataError, match=rf"MEMS_imu_data\.txt: .*the file is in {true}"):
-        read_great(folder, **DECLARED, gyro_unit=declared)
+        read_great(folder, GreatOptions(**DECLARED, gyro_unit=declared))
 
 
 def test_a_file_in_other_axes_is_refused(tmp_path):
@@ -267,9 +268,9 @@ def test_a_file_in_other_axes_is_refused(tmp_path):
     frd = np.loadtxt(file)[:, [0, 2, 1, 3, 5, 4, 6]] * [1, 1, 1, -1, 1, 1, -1]
     np.savetxt(file, frd)
     with pytest.raises(DataError, match="wrong sign"):
-        read_great(folder, **DECLARED)
+        read_great(folder, GreatOptions(**DECLARED))
     with pytest.raises(DataError, match=r"found \+z"):
-        read_great(folder, **DECLARED, gyro_unit="deg/s")
+        read_great(folder, GreatOptions(**DECLARED, gyro_unit="deg/s"))
 
 
 # ---- lever arm and reference point ------------------------------------------------------------
@@ -277,7 +278,7 @@ def test_a_file_in_other_axes_is_refused(tmp_path):
 
 def test_no_lever_arm_no_default(tmp_path):
     with pytest.raises(ConfigError, match=r"'figure'.*'msf_xml'.*no default.*0\.24 m"):
-        read_great(write_drive(tmp_path / "d"), reference_point="imu")
+        read_great(write_drive(tmp_path / "d"), GreatOptions(reference_point="imu"))
 
 
 @pytest.mark.parametrize(
@@ -294,7 +295,7 @@ def test_lever_presets_are_the_published_right_forward_up_vectors_turned(
 ):
     name = {"mems": "MEMS_imu_data.txt", "tactical": "Tactical_imu_data.txt"}[imu]
     folder = write_drive(tmp_path / "d", imu_name=f"IMU/{name}")
-    drive = read_great(folder, imu=imu, lever=lever, reference_point="antenna")
+    drive = read_great(folder, GreatOptions(imu=imu, lever=lever, reference_point="antenna"))
     np.testing.assert_allclose(drive.calibration.lever_antenna_b, expected)
     np.testing.assert_allclose(drive.reference.lever_b, expected)  # the reference is the antenna
 
@@ -304,18 +305,18 @@ def test_lever_presets_are_the_published_right_forward_up_vectors_turned(
 def test_presets_hold_for_the_2020_days_only(tmp_path, week, preset):
     folder = write_drive(tmp_path / "d", week=week)
     with pytest.raises(ConfigError, match=rf"2020-10-27/29 .*week {week}.*give lever="):
-        read_great(folder, lever=preset, reference_point="imu")
+        read_great(folder, GreatOptions(lever=preset, reference_point="imu"))
 
 
 def test_preset_without_a_value_for_the_tactical_imu(tmp_path):
     folder = write_drive(tmp_path / "d", imu_name="IMU/Tactical_imu_data.txt")
     with pytest.raises(ConfigError, match="tactical"):
-        read_great(folder, imu="tactical", lever="msf_xml", reference_point="imu")
+        read_great(folder, GreatOptions(imu="tactical", lever="msf_xml", reference_point="imu"))
 
 
 def test_reference_point_is_asked_for(tmp_path):
     with pytest.raises(ConfigError, match=r"reference_point not given.*does not say"):
-        read_great(write_drive(tmp_path / "d"), lever="figure")
+        read_great(write_drive(tmp_path / "d"), GreatOptions(lever="figure"))
 
 
 @pytest.mark.parametrize(
@@ -328,7 +329,9 @@ def test_reference_point_is_asked_for(tmp_path):
     ],
 )
 def test_reference_points(tmp_path, point, expected):
-    drive = read_great(write_drive(tmp_path / "d"), lever="figure", reference_point=point)
+    drive = read_great(
+        write_drive(tmp_path / "d"), GreatOptions(lever="figure", reference_point=point)
+    )
     np.testing.assert_allclose(drive.reference.lever_b, expected)
 
 
@@ -342,10 +345,13 @@ def test_levers_close_the_triangle_mems_tactical_antenna():
 
 def test_attitude_of_the_tactical_imu_is_not_that_of_the_mems(tmp_path):
     folder = write_drive(tmp_path / "d")
-    drive = read_great(folder, **DECLARED)
+    drive = read_great(folder, GreatOptions(**DECLARED))
     assert drive.reference.attitude_frame == "v"
     assert any("misalignment" in note for note in drive.notes)
-    assert read_great(folder, **DECLARED, reference_body="imu").reference.attitude_frame == "b"
+    assert (
+        read_great(folder, GreatOptions(**DECLARED, reference_body="imu")).reference.attitude_frame
+        == "b"
+    )
 
 
 def test_two_references_gnss_and_adis_are_chosen_by_the_point(tmp_path):
@@ -354,7 +360,7 @@ def test_two_references_gnss_and_adis_are_chosen_by_the_point(tmp_path):
     adis = folder / "groundtruth/groundtruth_211013_ADIS.txt"
     adis.write_text(gnss.read_text())
     for point, name in (("antenna", gnss.name), ("imu", adis.name)):
-        drive = read_great(folder, lever="figure", reference_point=point)
+        drive = read_great(folder, GreatOptions(lever="figure", reference_point=point))
         assert any(name in note for note in drive.notes)
 
 
@@ -362,8 +368,8 @@ def test_two_references_that_names_do_not_tell_apart(tmp_path):
     folder = write_drive(tmp_path / "e", truth_name="ref/a.txt")
     (folder / "ref/b.txt").write_text((folder / "ref/a.txt").read_text())
     with pytest.raises(ConfigError, match=r"a\.txt, b\.txt.*reference_file="):
-        read_great(folder, **DECLARED)
-    read_great(folder, **DECLARED, reference_file=folder / "ref/b.txt")
+        read_great(folder, GreatOptions(**DECLARED))
+    read_great(folder, GreatOptions(**DECLARED, reference_file=folder / "ref/b.txt"))
 
 
 # ---- sidecar ----------------------------------------------------------------------------------
@@ -380,7 +386,7 @@ def test_sidecar_declares_and_the_call_overrides(tmp_path):
     assert drive.calibration.imu.name == "consumer"
     assert drive.reference.attitude_frame == "b"
     assert "great.toml" in drive.calibration.lever_antenna_source
-    drive = read_great(folder, lever="figure")
+    drive = read_great(folder, GreatOptions(lever="figure"))
     np.testing.assert_array_equal(drive.calibration.lever_antenna_b, [-0.65, -0.05, -0.15])
 
 
@@ -390,8 +396,8 @@ def test_sidecar_vectors_are_the_mems_imus_not_the_tactical_ones(tmp_path):
         'lever_antenna_frd_m = [0.1, 0.2, -0.3]\nreference_point = "imu"\nimu_preset = "consumer"\n'
     )
     with pytest.raises(ConfigError, match="lever arm of the tactical IMU not given"):
-        read_great(folder, imu="tactical")
-    drive = read_great(folder, imu="tactical", lever="figure")
+        read_great(folder, GreatOptions(imu="tactical"))
+    drive = read_great(folder, GreatOptions(imu="tactical", lever="figure"))
     assert drive.calibration.imu.name == "tactical"
     np.testing.assert_allclose(drive.reference.lever_b, [0.32, 0.0, -0.01])  # tactical → MEMS
 
@@ -424,28 +430,29 @@ def test_sidecar_mistakes_are_one_line(tmp_path, text, message):
 
 def test_missing_files_say_what_to_name(tmp_path):
     with pytest.raises(DataError, match="no such folder"):
-        read_great(tmp_path / "nowhere", **DECLARED)
+        read_great(tmp_path / "nowhere", GreatOptions(**DECLARED))
     with pytest.raises(DataError, match=r"no IMU text found.*imu_file="):
         (tmp_path / "empty").mkdir()
-        read_great(tmp_path / "empty", **DECLARED)
+        read_great(tmp_path / "empty", GreatOptions(**DECLARED))
     with pytest.raises(DataError, match=r"no RINEX observations.*rinex="):
-        read_great(write_drive(tmp_path / "a", rover_name=""), **DECLARED)
+        read_great(write_drive(tmp_path / "a", rover_name=""), GreatOptions(**DECLARED))
     with pytest.raises(DataError, match=r"no RINEX navigation.*navigation="):
-        read_great(write_drive(tmp_path / "b", nav_name=""), **DECLARED)
+        read_great(write_drive(tmp_path / "b", nav_name=""), GreatOptions(**DECLARED))
     with pytest.raises(ConfigError, match=r"no file of the tactical IMU.*MEMS_imu_data"):
-        read_great(write_drive(tmp_path / "c"), imu="tactical", **DECLARED)
+        read_great(write_drive(tmp_path / "c"), GreatOptions(imu="tactical", **DECLARED))
 
 
 def test_two_mems_files_ask_for_one(tmp_path):
     folder = write_drive(tmp_path / "d", imu_name="IMU/campus-01-MEMS.txt")
     second = write_drive(folder, imu_name="IMU/campus-02-MEMS.txt") / "IMU/campus-02-MEMS.txt"
     with pytest.raises(ConfigError, match=r"campus-01-MEMS\.txt, campus-02-MEMS\.txt.*imu_file="):
-        read_great(folder, **DECLARED)
+        read_great(folder, GreatOptions(**DECLARED))
     assert any(
-        second.name in note for note in read_great(folder, **DECLARED, imu_file=second).notes
+        second.name in note
+        for note in read_great(folder, GreatOptions(**DECLARED, imu_file=second)).notes
     )
 
 
 def test_options_reach_the_rinex_reader(tmp_path, observations):
-    read_great(write_drive(tmp_path / "d"), **DECLARED, systems="GE", signals="all")
+    read_great(write_drive(tmp_path / "d"), GreatOptions(**DECLARED, systems="GE", signals="all"))
     assert observations[0][2] == {"systems": "GE", "signals": "all"}

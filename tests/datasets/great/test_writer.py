@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from certnav.datasets.great import writer as great_writer
+from certnav.datasets.great.options import GreatOptions
 from certnav.datasets.great.reader import read_great
 from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
@@ -83,7 +84,7 @@ def test_tactical_imu_is_where_great_has_it(tmp_path):
     """Its exact data follow the lever between the IMUs and the vehicle's axes."""
     config = dataclasses.replace(CONFIG, noise=False, duration=60.0, mounting_rpy_deg=(0, 2, -3))
     folder = simulate_folder(config, tmp_path / "sim")
-    sequence = read_great(folder, imu="tactical")
+    sequence = read_great(folder, GreatOptions(imu="tactical"))
     s = simulate(config)
     C_bv = s.trajectory.C_bv
     gyro, accel = s.trajectory.imu_means(sequence.imu.time, C_bv @ [-0.32, 0.0, 0.01])

@@ -13,89 +13,17 @@ import pytest
 
 from certnav.datasets import gpstime
 from certnav.datasets.formats.oakville import read_oakville
-from certnav.datasets.load import load, recognise
+from certnav.datasets.loading import load, recognise
 from certnav.datasets.own.pvt_columns import check_velocity
 from certnav.datasets.own.reader import read_declared
 from certnav.datasets.text.imu import rates_from_increments
-from certnav.filters.earth import C_en_at, ecef_to_lla, lla_to_ecef
+from certnav.filters.earth import C_en_at, ecef_to_lla
 from certnav.filters.errors import ConfigError, DataError, NavError
 from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix
+from oracles.bends import bends
+from oracles.declarations import PLAIN, changed
 
 SOW, WEEK, HZ = 180000.0, 2129, 50.0
-LAT, LON = np.radians([30.5, 114.4])
-TOML = """\
-name = "drive"
-
-[time]
-scale = "gps-sow"
-week = 2129
-
-[imu]
-file = "imu.csv"
-time = "t"
-gyro = ["gx", "gy", "gz"]
-accel = ["ax", "ay", "az"]
-gyro_unit = "deg/s"
-accel_unit = "m/s2"
-axes = "RFU"
-
-[imu.noise]
-preset = "consumer"
-
-[antenna]
-lever_frd_m = [0.1, 0.2, -1.0]
-
-[vehicle]
-mounting_rpy_deg = [0.0, 0.0, 0.0]
-
-[gnss]
-file = "gnss.csv"
-time = "t"
-position = ["lat", "lon", "h"]
-position_frame = "lla"
-angle_unit = "deg"
-height = "ellipsoid"
-position_sigma = ["sn", "se", "su"]
-velocity = ["vn", "ve", "vd"]
-velocity_frame = "ned"
-velocity_unit = "m/s"
-velocity_sigma_mps = 0.1
-
-[reference]
-file = "ref.csv"
-time = "t"
-position = ["x", "y", "z"]
-position_frame = "ecef"
-attitude = ["roll", "pitch", "yaw"]
-attitude_unit = "deg"
-attitude_convention = "frd-ned"
-attitude_of = "imu"
-point = "antenna"
-source = "the test"
-"""
-
-
-def motion(duration: float = 60.0) -> dict[str, np.ndarray]:
-    """A level drive at 10 m/s through bends; IMU in forward-right-down."""
-    t = SOW + np.arange(0.0, duration, 1.0 / HZ)
-    heading = 1.2 * np.sin((t - SOW) / 3.0)
-    rate = 0.4 * np.cos((t - SOW) / 3.0)
-    vel_n = 10.0 * np.column_stack([np.cos(heading), np.sin(heading), np.zeros(t.size)])
-    middle = 0.5 * (vel_n[1:] + vel_n[:-1]) / HZ
-    north_east_down = np.vstack([np.zeros(3), np.cumsum(middle, axis=0)])
-    pos_e = lla_to_ecef(LAT, LON, 20.0) + north_east_down @ C_en_at(LAT, LON).T
-    zero = np.zeros(t.size)
-    gyro = np.column_stack([zero, zero, rate])
-    accel = np.column_stack([zero, 10.0 * rate, zero - 9.79])
-    return {
-        "t": t,
-        "heading": heading,
-        "vel_n": vel_n,
-        "pos_e": pos_e,
-        "gyro": gyro,
-        "accel": accel,
-    }
-
 
 RFU = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])  # its own inverse
 
@@ -103,19 +31,19 @@ RFU = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])  # its own inverse
 @pytest.fixture
 def drive(tmp_path):
     """A folder with a sound declaration, and the motion behind it."""
-    m = motion()
-    imu = np.column_stack([m["t"], np.degrees(m["gyro"] @ RFU), m["accel"] @ RFU])
+    m = bends(SOW, HZ, 60.0)
+    imu = np.column_stack([m.time, np.degrees(m.gyro_b @ RFU), m.accel_b @ RFU])
     write(tmp_path / "imu.csv", "t gx gy gz ax ay az", imu)
     k = slice(None, None, int(HZ))
-    lla = ecef_to_lla(m["pos_e"][k])
+    lla = ecef_to_lla(m.pos_e[k])
     n = len(lla)
     sigma = np.tile([1.0, 2.0, 3.0], (n, 1))
-    gnss = np.column_stack([m["t"][k], np.degrees(lla[:, :2]), lla[:, 2], m["vel_n"][k], sigma])
+    gnss = np.column_stack([m.time[k], np.degrees(lla[:, :2]), lla[:, 2], m.vel_n[k], sigma])
     write(tmp_path / "gnss.csv", "t lat lon h vn ve vd sn se su", gnss)
-    angles = np.column_stack([np.zeros((n, 2)), np.degrees(m["heading"][k])])
+    angles = np.column_stack([np.zeros((n, 2)), np.degrees(m.heading[k])])
     write(tmp_path / "ref.csv", "t x y z roll pitch yaw", np.column_stack(
-        [m["t"][k], m["pos_e"][k], angles]))  # fmt: skip
-    (tmp_path / "sequence.toml").write_text(TOML)
+        [m.time[k], m.pos_e[k], angles]))  # fmt: skip
+    (tmp_path / "sequence.toml").write_text(PLAIN)
     return tmp_path, m
 
 
@@ -124,11 +52,8 @@ def write(file: Path, names: str, table: np.ndarray) -> None:
 
 
 def change(folder: Path, *pairs: tuple[str, str]) -> Path:
-    text = (folder / "sequence.toml").read_text()
-    for old, new in pairs:
-        assert old in text
-        text = text.replace(old, new)
-    (folder / "sequence.toml").write_text(text)
+    file = folder / "sequence.toml"
+    file.write_text(changed(file.read_text(), *pairs))
     return folder
 
 
@@ -137,17 +62,17 @@ def test_a_sound_declaration_becomes_the_motion(drive):
     s = load(folder)
     assert s.name == "drive"
     assert s.imu is not None and s.fixes is not None and s.reference is not None
-    np.testing.assert_allclose(s.imu.time, WEEK * 604800.0 + m["t"], rtol=0, atol=1e-6)
-    np.testing.assert_allclose(s.imu.gyro_b, m["gyro"], atol=1e-12)
-    np.testing.assert_allclose(s.imu.accel_b, m["accel"], atol=1e-12)
+    np.testing.assert_allclose(s.imu.time, WEEK * 604800.0 + m.time, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(s.imu.gyro_b, m.gyro_b, atol=1e-12)
+    np.testing.assert_allclose(s.imu.accel_b, m.accel_b, atol=1e-12)
     k = slice(None, None, int(HZ))
-    np.testing.assert_allclose(s.fixes.pos_e, m["pos_e"][k], atol=1e-5)
-    C_en = C_en_at(*ecef_to_lla(m["pos_e"][0])[:2])
+    np.testing.assert_allclose(s.fixes.pos_e, m.pos_e[k], atol=1e-5)
+    C_en = C_en_at(*ecef_to_lla(m.pos_e[0])[:2])
     np.testing.assert_allclose(
         C_en.T @ s.fixes.pos_cov_e[0] @ C_en, np.diag([1.0, 4.0, 9.0]), atol=1e-9
     )
     np.testing.assert_allclose(s.fixes.vel_cov_e[5], 0.01 * np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(s.reference.rpy[:, 2], m["heading"][k], atol=1e-12)
+    np.testing.assert_allclose(s.reference.rpy[:, 2], m.heading[k], atol=1e-12)
     np.testing.assert_array_equal(s.reference.lever_b, [0.1, 0.2, -1.0])
     np.testing.assert_array_equal(s.calibration.lever_antenna_b, [0.1, 0.2, -1.0])
     assert s.calibration.imu.name == "consumer"
@@ -164,7 +89,7 @@ def test_a_declaration_wins_and_can_be_named_itself(drive):
 
 NEEDED = [
     line.split(" =")[0]
-    for line in TOML.splitlines()
+    for line in PLAIN.splitlines()
     if " = " in line and not line.startswith(("name", "attitude =", "velocity ="))
 ]
 
@@ -173,7 +98,7 @@ NEEDED = [
 def test_every_needed_line_is_asked_for_by_the_line_to_add(drive, number):
     """Delete one line: the error prints one with that key, and adding it heals this error."""
     folder, _ = drive
-    lines = TOML.splitlines()
+    lines = PLAIN.splitlines()
     places = [
         k for k, line in enumerate(lines)
         if " = " in line and not line.startswith(("name", "attitude =", "velocity ="))
@@ -201,7 +126,7 @@ def test_every_needed_line_is_asked_for_by_the_line_to_add(drive, number):
 @pytest.mark.parametrize("section", ["imu.noise", "antenna", "vehicle"])
 def test_a_missing_section_is_named(drive, section):
     folder, _ = drive
-    text = re.sub(rf"\[{section}\]\n(.+\n)+", "", TOML)
+    text = re.sub(rf"\[{section}\]\n(.+\n)+", "", PLAIN)
     (folder / "sequence.toml").write_text(text)
     with pytest.raises(ConfigError, match=rf"\[{section}\] is not declared — add: \[{section}\]"):
         read_declared(folder)
@@ -209,7 +134,7 @@ def test_a_missing_section_is_named(drive, section):
 
 def test_no_gnss_at_all(drive):
     folder, _ = drive
-    (folder / "sequence.toml").write_text(re.sub(r"\[gnss\]\n(.+\n)+", "", TOML))
+    (folder / "sequence.toml").write_text(re.sub(r"\[gnss\]\n(.+\n)+", "", PLAIN))
     with pytest.raises(ConfigError, match=r"add \[gnss\].*or \[rinex\]"):
         read_declared(folder)
 
@@ -303,7 +228,7 @@ def test_axes_and_mounting_together_turn_the_imu(drive):
     change(folder, ('"RFU"', '"FLU"'), ("[0.0, 0.0, 0.0]", "[0.0, 0.0, 90.0]"))
     s = read_declared(folder)
     C_bv = s.calibration.C_bv
-    np.testing.assert_allclose(s.inertial.accel_b @ C_bv, m["accel"], atol=1e-12)
+    np.testing.assert_allclose(s.inertial.accel_b @ C_bv, m.accel_b, atol=1e-12)
     np.testing.assert_allclose(C_bv.T, matrix_from_rpy([0.0, 0.0, np.pi / 2]), atol=1e-15)
 
 
@@ -349,16 +274,16 @@ def test_increments_are_the_rates_times_the_interval(drive, kind):
     step = 1.0 / HZ
     scale = np.degrees(1.0) if kind == "deg" else 1.0
     table = np.column_stack(
-        [m["t"], m["gyro"] @ RFU * step * scale, m["accel"] @ RFU * step]
+        [m.time, m.gyro_b @ RFU * step * scale, m.accel_b @ RFU * step]
     )  # fmt: skip
     write(folder / "imu.csv", "t gx gy gz ax ay az", table)
     change(folder, ('"deg/s"', f'"{kind}"'), ('"m/s2"', '"m/s"'))
     s = read_declared(folder)
     # GPS time resolves 0.24 µs: the rate carries that, rate times interval is the increment
     interval = np.diff(s.inertial.time)[:, None]
-    np.testing.assert_allclose(s.inertial.gyro_b[1:] * interval, m["gyro"][1:] * step, atol=1e-15)
-    np.testing.assert_allclose(s.inertial.accel_b[1:] * interval, m["accel"][1:] * step, atol=1e-14)
-    np.testing.assert_allclose(s.inertial.accel_b, m["accel"], atol=2e-4)
+    np.testing.assert_allclose(s.inertial.gyro_b[1:] * interval, m.gyro_b[1:] * step, atol=1e-15)
+    np.testing.assert_allclose(s.inertial.accel_b[1:] * interval, m.accel_b[1:] * step, atol=1e-14)
+    np.testing.assert_allclose(s.inertial.accel_b, m.accel_b, atol=2e-4)
 
 
 def test_lost_increments_are_lost_and_not_stretched():
@@ -373,7 +298,7 @@ def test_instantaneous_samples_become_means(drive):
     change(folder, ('axes = "RFU"', 'axes = "RFU"\nsamples = "instant"'))
     s = read_declared(folder)
     np.testing.assert_allclose(
-        s.inertial.gyro_b[1:], 0.5 * (m["gyro"][1:] + m["gyro"][:-1]), atol=1e-12
+        s.inertial.gyro_b[1:], 0.5 * (m.gyro_b[1:] + m.gyro_b[:-1]), atol=1e-12
     )
 
 
@@ -385,7 +310,7 @@ def test_height_above_the_geoid_is_raised_by_a_column_or_a_number(drive):
     gnss["N"] = 12.5
     gnss.to_csv(folder / "gnss.csv", index=False)
     for declared in ("12.5", '"N"'):
-        text = TOML.replace('height = "ellipsoid"', f'height = "geoid"\ngeoid_m = {declared}')
+        text = PLAIN.replace('height = "ellipsoid"', f'height = "geoid"\ngeoid_m = {declared}')
         (folder / "sequence.toml").write_text(text)
         np.testing.assert_allclose(read_declared(folder).fixes.pos_e, plain.fixes.pos_e, atol=1e-6)
 
@@ -402,7 +327,7 @@ def test_velocity_in_other_frames_and_units_is_the_same_velocity(drive):
         ('["ve", "vn", "vu"]', "enu", "m/s"),
         ('["kx", "ky", "kz"]', "ecef", "km/h"),
     ):
-        text = TOML.replace('["vn", "ve", "vd"]', columns).replace('"ned"', f'"{frame}"', 1)
+        text = PLAIN.replace('["vn", "ve", "vd"]', columns).replace('"ned"', f'"{frame}"', 1)
         text = text.replace('velocity_unit = "m/s"', f'velocity_unit = "{unit}"')
         (folder / "sequence.toml").write_text(text)
         np.testing.assert_allclose(read_declared(folder).fixes.vel_e, plain.fixes.vel_e, atol=1e-9)
@@ -447,14 +372,14 @@ def test_noise_from_the_datasheet_in_either_unit(drive):
 
 def test_odometer_in_kmh_with_left_positive_yaw(drive):
     folder, m = drive
-    table = np.column_stack([m["t"], np.full(m["t"].size, 36.0), -np.degrees(m["gyro"][:, 2])])
+    table = np.column_stack([m.time, np.full(m.time.size, 36.0), -np.degrees(m.gyro_b[:, 2])])
     write(folder / "odo.csv", "t v w", table)
     text = '\n[odometer]\nfile = "odo.csv"\ntime = "t"\nspeed = "v"\nspeed_unit = "km/h"\n'
     text += 'yaw_rate = "w"\nyaw_rate_unit = "deg/s"\nyaw_rate_axis = "up"\n'
-    (folder / "sequence.toml").write_text(TOML + text)
+    (folder / "sequence.toml").write_text(PLAIN + text)
     odometer = read_declared(folder).odometer
     np.testing.assert_allclose(odometer.speed, 10.0)
-    np.testing.assert_allclose(odometer.yaw_rate, m["gyro"][:, 2], atol=1e-12)
+    np.testing.assert_allclose(odometer.yaw_rate, m.gyro_b[:, 2], atol=1e-12)
 
 
 def test_reference_heading_alone_counter_clockwise_from_east(drive):
@@ -470,7 +395,7 @@ def test_reference_heading_alone_counter_clockwise_from_east(drive):
     )
     rpy = read_declared(folder).reference.rpy
     assert np.isnan(rpy[:, :2]).all()
-    np.testing.assert_allclose(rpy[:, 2], m["heading"][:: int(HZ)], atol=1e-12)
+    np.testing.assert_allclose(rpy[:, 2], m.heading[:: int(HZ)], atol=1e-12)
 
 
 def test_rtklib_solution_and_imu_in_g_with_back_right_up_axes(data_dir, tmp_path):

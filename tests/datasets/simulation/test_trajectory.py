@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from certnav.datasets.simulation.trajectory import Trajectory, fixes_from_truth, imu_measurements
+from certnav.datasets.simulation.sensors import fixes_from_truth, imu_measurements
+from certnav.datasets.simulation.trajectory import Trajectory
 from certnav.filters.earth import EARTH_RATE, OMEGA_IE_E, C_en_of, gravity_e
 from certnav.filters.errors import DataError
 from certnav.filters.rotation import matrix_from_rpy, skew

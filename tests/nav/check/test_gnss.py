@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from certnav.datasets.sequence import GnssFixes, GnssObservations
+from certnav.datasets.observations import GnssFixes, GnssObservations
 from certnav.filters.earth import SPEED_OF_LIGHT, C_en_at, lla_to_ecef
 from certnav.nav.check.gnss import doppler, fixes, pseudoranges, signal_strength
 from certnav.velocity.tracks import Track, Tracks

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from certnav.datasets.sequence import ImuData
+from certnav.datasets.series import ImuData
 from certnav.filters.sensors import STANDARD_GRAVITY, imu_preset
 from certnav.nav.check.inertial import frozen, gravity, noise, sampling, saturated
 from certnav.velocity.tracks import Track

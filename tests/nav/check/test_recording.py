@@ -1,34 +1,21 @@
 """`check`: sound recordings raise no alarm, broken copies are named in plain words.
 
-The faults are those of ``scripts/broken_copies.py``, which goes through all of them; here are
-one or two of each kind.
+The faults are `oracles.broken_copies`; ``scripts/broken_copies.py`` goes through all of them, here
+are one or two of each kind.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
 from pathlib import Path
 
 import pytest
 
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.nav.check.recording import check, check_sequence
+from oracles import broken_copies, recordings
+from oracles.recordings import REAL, SIMULATED
 
-SCRIPT = Path(__file__).resolve().parents[3] / "scripts" / "broken_copies.py"
-
-
-def _script():
-    spec = importlib.util.spec_from_file_location("broken_copies", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-broken_copies = _script()
-SIMULATED = broken_copies.SIMULATED
 FAULTS = {(f.base, f.name): f for f in broken_copies.FAULTS}
 SIMULATED_SUBSET = [
     "x and y swapped in both triads (left-handed axes)",
@@ -52,7 +39,7 @@ REAL_SUBSET = [
 @pytest.fixture(scope="module")
 def work(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("broken")
-    broken_copies.simulate_base(folder / "base")
+    recordings.simulate_base(folder / "base")
     return folder
 
 
@@ -77,21 +64,21 @@ def test_fault_in_simulation_is_named(work, name):
     assert broken_copies.named(fault, report), _alarms(report)
 
 
-@pytest.mark.parametrize("name", list(broken_copies.REAL))
+@pytest.mark.parametrize("name", list(REAL))
 def test_sound_recording_raises_no_alarm(data_dir, name):
-    assert _alarms(check(data_dir / broken_copies.REAL[name])) == []
+    assert _alarms(check(data_dir / REAL[name])) == []
 
 
 @pytest.mark.parametrize(("base", "name"), REAL_SUBSET)
 def test_fault_in_real_recording_is_named(data_dir, work, monkeypatch, base, name):
-    monkeypatch.setattr(broken_copies, "DATA", data_dir)
+    monkeypatch.setattr(recordings, "DATA", data_dir)
     fault = FAULTS[base, name]
     report = broken_copies.broken(fault, work)
     assert broken_copies.named(fault, report), _alarms(report)
 
 
 def test_what_cannot_be_seen_raises_no_alarm(data_dir, work, monkeypatch):
-    monkeypatch.setattr(broken_copies, "DATA", data_dir)
+    monkeypatch.setattr(recordings, "DATA", data_dir)
     report = broken_copies.broken(FAULTS["comma2k19", "yaw gyro with the opposite sign"], work)
     assert _alarms(report) == []
     assert any("cannot be told" in f.found for f in report.findings if f.subject == "gyro")

@@ -7,7 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from certnav.datasets.sequence import Calibration, GnssFixes, ImuData, Reference, Sequence
+from certnav.datasets.observations import GnssFixes
+from certnav.datasets.sequence import Calibration, Sequence
+from certnav.datasets.series import ImuData, Reference
 from certnav.filters.earth import C_en_at, lla_to_ecef
 from certnav.filters.rotation import matrix_from_rpy
 from certnav.filters.sensors import imu_preset

@@ -264,7 +264,7 @@ def test_simulate_and_refusal_to_overwrite(tmp_path, capsys):
 def test_a_run_imports_nothing_slow_that_it_may_not_need():
     """Each of these takes longer to import than minutes of data to navigate."""
     code = (
-        "import sys, certnav.nav.commands.navigation, certnav.datasets.load as load\n"
+        "import sys, certnav.nav.commands.navigation, certnav.datasets.loading as load\n"
         "for kind in load.formats().values(): kind.detect, kind.read\n"
         "print(sorted(set(sys.modules) & {'pandas', 'filterpy', 'scipy.stats', 'scipy.special',"
         " 'scipy.spatial', 'scipy.interpolate', 'matplotlib', 'pyrtklib5', 'joblib', 'rich'}))"

@@ -9,9 +9,9 @@ import json
 import numpy as np
 import pytest
 
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
+from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.errors import ConfigError, DataError
 from certnav.nav.commands import compare as compare_command
 from certnav.nav.compare.comparison import (

@@ -5,9 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from certnav.datasets.sequence import ImuData, Sequence
+from certnav.datasets.sequence import Sequence
+from certnav.datasets.series import ImuData
+from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.nav.config import Config, from_tables
 from certnav.nav.engine.blind import blind_spells, is_gap
 from certnav.nav.engine.gnss import gnss_timeline

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from certnav.alignment.solver.refinement import rotation_angle
+from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.error_model import ErrorModel
 from certnav.filters.errors import AlignmentError
 from certnav.filters.rotation import matrix_from_rotvec

@@ -9,8 +9,8 @@ import warnings
 import numpy as np
 import pytest
 
+from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.datasets.simulation.trajectory import fixes_from_truth
 from certnav.filters.earth import OMEGA_IE_E
 from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import ATT, VEL, ErrorModel

@@ -9,8 +9,8 @@ import pytest
 
 from certnav.alignment.problem import ClockModel
 from certnav.alignment.reference.simulation import simulate_window
-from certnav.datasets.load import load
-from certnav.datasets.sequence import Odometer
+from certnav.datasets.loading import load
+from certnav.datasets.series import Odometer
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import AlignmentError, ConfigError
 from certnav.nav.commands.cli import main

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from certnav.velocity.ddia import ddia_pair, ddia_velocity
-from certnav.velocity.forward_motion import ForwardMotion
 from certnav.velocity.range_rate import DopplerRows
 from certnav.velocity.screening import Screening, reason_counts, screen, usable_pairs
 from certnav.velocity.study.pairs import (
@@ -17,6 +16,7 @@ from certnav.velocity.study.pairs import (
     velocity_errors,
 )
 from certnav.velocity.study.statistics import binned_rms, heat_map, rejection
+from certnav.velocity.vehicle_motion import ForwardMotion
 
 
 def unit(rng, n):

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import ConfigError, DataError
 from certnav.velocity.doppler_noise import fit_doppler_noise, reference_residuals
-from certnav.velocity.study.attitude_effect import drift_effect
-from certnav.velocity.study.few_satellites import few_satellites
-from certnav.velocity.study.pair_table import concatenated, describe, pair_table
+from certnav.velocity.study.below_four import few_satellites
 from certnav.velocity.study.samples import reference_samples
+from certnav.velocity.study.tables import concatenated, describe, pair_table
+from certnav.velocity.study.unaided import drift_effect
 
 
 @pytest.fixture(scope="module")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
 import inspect
 from pathlib import Path
 
 import pytest
 
-from certnav.datasets.load import formats, load, recognise
+from certnav.datasets.loading import formats, load, recognise
 from certnav.datasets.text.tables import read_table
 from certnav.filters.errors import ConfigError, DataError, NavError
 
@@ -83,11 +85,21 @@ def test_the_notes_say_what_the_folder_was_taken_for(data_dir):
     assert load(folder, format="oakville").notes[0] == "read as oakville, as told"
 
 
-def test_every_reader_takes_a_path_and_keyword_options_only():
+def test_every_reader_takes_a_path_and_options_by_name():
+    """By keyword, or in a dataclass: nothing may hang on the order of options."""
     for kind in formats().values():
-        first, *rest = inspect.signature(kind.read).parameters.values()
+        module = importlib.import_module(f"certnav.datasets.{kind.module}")
+        reader = getattr(module, f"read_{kind.name}")
+        first, *rest = inspect.signature(reader).parameters.values()
         assert first.name == "path"
-        assert all(p.kind is inspect.Parameter.KEYWORD_ONLY for p in rest)
+        if kind.takes:
+            assert [p.name for p in rest] == ["options"]
+            assert kind.options == tuple(
+                f.name for f in dataclasses.fields(getattr(module, kind.takes))
+            )
+        else:
+            assert all(p.kind is inspect.Parameter.KEYWORD_ONLY for p in rest)
+            assert kind.options == tuple(p.name for p in rest)
 
 
 @pytest.mark.parametrize("text", ["", "a b c\n", "1 2\n", "1 2 3 4\n", "1 x 3\n", "1 nan 3\n"])

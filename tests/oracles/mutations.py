@@ -19,16 +19,16 @@ import numpy as np
 #: Not bytes but what stands in their place.
 DIRECTORY, MISSING = "directory", "missing"
 
-_NUMBERS = (
+NUMBERS = (
     "nan", "inf", "-inf", "NaN", "1e308", "-1e308", "1e400", "1e20", "-1e20", "1e-320", "0",
     "-0.0", "-1", "1", "-999", "9999", "65536", "2147483648", "-2147483649", "4294967296",
     "9223372036854775808", "99999999999999999999", "604800", "604799.999", "1e5", "3.5",
 )  # fmt: skip
-_WORDS = (
+WORDS = (
     "", " ", "?", "-", "--", "null", "None", "true", "x", "é", "١٢", "1_000", "0x10", "1,5",
     "1d5", "1.2.3", "+-3", "\x00", '"', "'", "#", "%", "$", ";", "\\", "%s", "{}", "..", "/",
 )  # fmt: skip
-_TOML = (
+TOML = (
     "nan", "inf", "-inf", "0", "-1", "1e308", "-1e308", "9223372036854775807", "3.5", "true", '""',
     '"?"', '"x"', "[]", "[1.0]", "[1.0, 2.0, 3.0]", '["a", "b", "c"]', "[[1.0]]", "{}", "{a = 1}",
     "1979-05-27", "07:32:00", "1979-05-27T07:32:00Z", "'\\'", '"/etc"', '"\\u0000"', "1e400",
@@ -177,7 +177,7 @@ def other_digits(data: bytes, r: Random) -> bytes:
 
 
 def _value(r: Random) -> str:
-    return r.choice(_NUMBERS) if r.random() < 0.65 else r.choice(_WORDS)
+    return r.choice(NUMBERS) if r.random() < 0.65 else r.choice(WORDS)
 
 
 def replace_token(data: bytes, r: Random) -> bytes:
@@ -247,7 +247,7 @@ def toml_value(data: bytes, r: Random) -> bytes:
     key, _, _ = lines[at].partition("=")
     what = r.random()
     if what < 0.7:
-        lines[at] = f"{key}= {r.choice(_TOML)}"
+        lines[at] = f"{key}= {r.choice(TOML)}"
     elif what < 0.8:
         lines[at] = lines[at].replace(key.strip(), key.strip()[:-1] or "x")
     elif what < 0.9:
@@ -265,7 +265,7 @@ def array(data: bytes, r: Random) -> bytes:
     what = r.randrange(9)
     if what == 0 and value.size:
         value = value.astype(float)
-        value.flat[r.randrange(value.size)] = float(r.choice(_NUMBERS))
+        value.flat[r.randrange(value.size)] = float(r.choice(NUMBERS))
     elif what == 1:
         value = value[: r.choice((0, 1, 2, max(len(value) - 1, 0)))]
     elif what == 2:

@@ -1,4 +1,4 @@
-"""Small sound inputs for every reader, made from one simulated drive (`fuzz_drives`).
+"""Small sound inputs for every reader, made from one simulated drive (`drives`).
 
 With CERTNAV_DATA set, excerpts of real files join them, made in the same temporary folder.
 """
@@ -14,8 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from fuzz_declarations import CONFIG, DECLARED, DECLARED_RINEX
-from fuzz_drives import (
+
+from certnav.datasets.gpstime import to_calendar
+from certnav.datasets.great.writer import write_great
+
+from .declarations import CONFIG, DECLARED, DECLARED_RINEX
+from .drives import (
     WEEK,
     Drive,
     geodetic_deg,
@@ -36,9 +40,6 @@ from fuzz_drives import (
     write_ubx,
 )
 
-from certnav.datasets.gpstime import to_calendar
-from certnav.datasets.great.writer import write_great
-
 #: Seeds that share a folder with another one.
 SHARED = {"declare": "own_data", "check": "own_data", "check_great": "great"}
 
@@ -54,7 +55,7 @@ class Target:
     reader : str
         Of the reader, for the table.
     kinds : mapping of str to str
-        Files to break, and what kind of file each is (`fuzz_mutations`).
+        Files to break, and what kind of file each is (`mutations`).
     weight : int
         Share of the cases.
     """

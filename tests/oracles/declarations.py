@@ -1,6 +1,20 @@
-"""Declarations and a configuration for `fuzz_seeds` to break."""
+"""Declarations of own data and a configuration, whole; tests change what they look at.
 
-DECLARED = """\
+`PLAIN` is the declaration of `bends`, written as a user would: every line of it is needed.
+"""
+
+from __future__ import annotations
+
+
+def changed(text: str, *pairs: tuple[str, str]) -> str:
+    """Return the text with the first of each pair, which must be there, become the second."""
+    for old, new in pairs:
+        assert old in text, f"{old!r} is not in the text"
+        text = text.replace(old, new)
+    return text
+
+
+PLAIN = """\
 name = "drive"
 
 [time]
@@ -20,16 +34,14 @@ axes = "RFU"
 preset = "consumer"
 
 [antenna]
-lever_frd_m = [-0.65, -0.05, -0.15]
+lever_frd_m = [0.1, 0.2, -1.0]
 
 [vehicle]
 mounting_rpy_deg = [0.0, 0.0, 0.0]
-wheels_frd_m = [-0.5, 0.0, 1.4]
 
 [gnss]
 file = "gnss.csv"
-time = ["date", "clock"]
-time_scale = "gps-calendar"
+time = "t"
 position = ["lat", "lon", "h"]
 position_frame = "lla"
 angle_unit = "deg"
@@ -38,6 +50,32 @@ position_sigma = ["sn", "se", "su"]
 velocity = ["vn", "ve", "vd"]
 velocity_frame = "ned"
 velocity_unit = "m/s"
+velocity_sigma_mps = 0.1
+
+[reference]
+file = "ref.csv"
+time = "t"
+position = ["x", "y", "z"]
+position_frame = "ecef"
+attitude = ["roll", "pitch", "yaw"]
+attitude_unit = "deg"
+attitude_convention = "frd-ned"
+attitude_of = "imu"
+point = "antenna"
+source = "the test"
+"""
+#: The same with all that can be declared of a table.
+DECLARED = changed(
+    PLAIN,
+    ("[0.1, 0.2, -1.0]", "[-0.65, -0.05, -0.15]"),
+    ("[0.0, 0.0, 0.0]\n", "[0.0, 0.0, 0.0]\nwheels_frd_m = [-0.5, 0.0, 1.4]\n"),
+    (
+        'file = "gnss.csv"\ntime = "t"\n',
+        'file = "gnss.csv"\ntime = ["date", "clock"]\ntime_scale = "gps-calendar"\n',
+    ),
+    (
+        "velocity_sigma_mps = 0.1\n",
+        """\
 velocity_sigma_mps = 0.1
 satellites = "ns"
 quality = "q"
@@ -50,22 +88,14 @@ speed_unit = "km/h"
 yaw_rate = "yaw"
 yaw_rate_unit = "deg/s"
 yaw_rate_axis = "up"
-
-[reference]
-file = "ref.csv.gz"
-time = ["week", "sow"]
-time_scale = "gps-week-sow"
-position = ["x", "y", "z"]
-position_frame = "ecef"
-attitude = ["roll", "pitch", "yaw"]
-attitude_unit = "deg"
-attitude_convention = "frd-ned"
-attitude_of = "imu"
-point = "antenna"
-source = "simulation"
-"""
-
-
+""",
+    ),
+    (
+        'file = "ref.csv"\ntime = "t"\n',
+        'file = "ref.csv.gz"\ntime = ["week", "sow"]\ntime_scale = "gps-week-sow"\n',
+    ),
+    ('source = "the test"', 'source = "simulation"'),
+)
 DECLARED_RINEX = """\
 [time]
 scale = "gps-sow"

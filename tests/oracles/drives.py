@@ -1,4 +1,4 @@
-"""One simulated drive in the forms that readers know: what `fuzz_seeds` breaks later."""
+"""One simulated drive in the forms that readers know: what `seeds` breaks later."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from certnav.datasets.gpstime import to_calendar, to_week_sow
-from certnav.datasets.sequence import Reference
+from certnav.datasets.series import Reference
 from certnav.datasets.simulation.simulator import Simulation, SimulationConfig, simulate
 from certnav.filters.earth import C_en_of, ecef_to_lla
 from certnav.filters.rotation import FloatArray, matrix_from_rpy

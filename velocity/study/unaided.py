@@ -12,7 +12,7 @@ from ...filters.earth import C_en_of
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray, rpy_from_matrix, wrap_angle
 from ...filters.strapdown import InertialStream, NavState, integrate
-from ..forward_motion import forward_motion
+from ..vehicle_motion import forward_motion
 from .pairs import all_pairs, velocity_errors
 from .samples import interpolated, rate_eb_b, reference_attitude, reference_samples
 from .statistics import attitude_effect

@@ -22,37 +22,50 @@ class Format:
     ----------
     module, name : str
         ``datasets.<module>`` has ``is_<name>``, which takes a folder and returns whether it is
-        one, and ``read_<name>``, which takes the folder and the reader's options.
+        one, and ``read_<name>``, which takes the folder and the reader's options by name.
     looks_like : str
         What ``is_<name>`` looks for, for the message when nothing matches.
+    takes : str
+        The dataclass in ``datasets.<module>`` that holds the options, where they are many:
+        ``read_<name>`` then takes one of it.
     """
 
     module: str
     name: str
     looks_like: str
+    takes: str = ""
 
     @property
     def detect(self) -> Callable[[Path], bool]:
         """Whether a folder is one."""
-        return self._function(f"is_{self.name}")
-
-    @property
-    def read(self) -> Callable[..., Sequence]:
-        """From a folder to a `Sequence`."""
-        return self._function(f"read_{self.name}")
+        return self._attribute(f"is_{self.name}")
 
     @property
     def options(self) -> tuple[str, ...]:
         """Names of the options the reader takes."""
-        parameters = inspect.signature(self.read).parameters.values()
+        if self.takes:
+            return tuple(f.name for f in dataclasses.fields(self._attribute(self.takes)))
+        parameters = inspect.signature(self._attribute(f"read_{self.name}")).parameters.values()
         return tuple(p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY)
 
-    def _function(self, name: str) -> Callable[..., Any]:
+    def read(self, path: str | Path, **options: Any) -> Sequence:
+        """From a folder to a `Sequence`."""
+        reader = self._attribute(f"read_{self.name}")
+        if self.takes:
+            return reader(path, self._attribute(self.takes)(**options))
+        return reader(path, **options)
+
+    def _attribute(self, name: str) -> Any:
         return getattr(importlib.import_module(f".{self.module}", __package__), name)
 
 
 FORMATS: dict[str, Format] = {
-    "great": Format("great.reader", "great", "IMU/*.txt with GNSS/ or Groundtruth/, or great.toml"),
+    "great": Format(
+        "great.reader",
+        "great",
+        "IMU/*.txt with GNSS/ or Groundtruth/, or great.toml",
+        takes="GreatOptions",
+    ),
     "comma2k19": Format("formats.comma2k19", "comma2k19", "processed_log/IMU with global_pose"),
     "declared": Format("own.reader", "declared", "sequence.toml"),
     "smartloc": Format("formats.smartloc", "smartloc", "RXM-RAWX.csv"),
@@ -117,7 +130,7 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
     format : str, optional
         One of `formats`; default: recognised by the folder's contents, and said in the notes.
     **options
-        The reader's own; see `read_great`, `read_smartloc`, `read_kfgins`, `read_comma2k19`,
+        The reader's own; see `GreatOptions`, `read_smartloc`, `read_kfgins`, `read_comma2k19`,
         `read_oakville`, `read_rtklibexplorer`, `datasets.formats.instinct.read_spirent`. A
         declaration takes none: everything is in the file.
 

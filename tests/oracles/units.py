@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fuzz_drives import Drive, scaled
-from fuzz_seeds import UNIT_FORMATS
 
-from certnav.datasets.load import load
+from certnav.datasets.loading import load
 from certnav.filters.errors import NavError
 from certnav.nav.check.recording import check
+
+from .drives import Drive, scaled
+from .seeds import UNIT_FORMATS
 
 
 def silent_units(folder: Path) -> dict[str, Any]:

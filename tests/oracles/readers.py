@@ -1,4 +1,4 @@
-"""How each seed of `fuzz_seeds` is read: as a user's command would, in one call."""
+"""How each seed of `seeds` is read: as a user's command would, in one call."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from fuzz_drives import WEEK
+
+from .drives import WEEK
 
 
 def _load(format: str | None = None, **options: object) -> Callable[[Path], None]:
     def run(folder: Path) -> None:
-        from certnav.datasets.load import load
+        from certnav.datasets.loading import load
 
         load(folder, format=format, **options)
 

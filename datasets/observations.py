@@ -1,0 +1,193 @@
+"""What GNSS says: observations row by row, and the positions somebody made of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..filters.errors import DataError
+from ..filters.rotation import FloatArray
+from .fields import StrArray, checked, freeze, ordered
+
+
+@dataclass(frozen=True, eq=False)
+class GnssObservations:
+    """GNSS observations: one row per satellite signal and epoch, ordered by time.
+
+    Nothing is ever removed: a row that must not be used carries the reason in `rejected`
+    ('' = usable). Missing values are NaN.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,)
+        Reception time by the receiver's clock, as a GPS time [s].
+    sat : array_like of str, shape (n,)
+        RINEX satellite identifier, constellation letter and number: 'G05'.
+    signal : array_like of str, shape (n,)
+        RINEX 3 band and attribute: '1C'.
+    wavelength : array_like, shape (n,)
+        Carrier wavelength [m].
+    pseudorange : array_like, shape (n,)
+        [m].
+    carrier : array_like, shape (n,)
+        Carrier phase [cycles].
+    range_rate : array_like, shape (n,)
+        −λD [m/s]: positive when receding, satellite and receiver clock drift still in it.
+    cn0 : array_like, shape (n,)
+        Carrier-to-noise density [dB-Hz].
+    loss_of_lock : array_like of int, shape (n,)
+        RINEX loss-of-lock indicator bits, 0 when unknown.
+    sat_pos_e, sat_vel_e : array_like, shape (n, 3)
+        Satellite position [m] and velocity [m/s] at transmission, in the ECEF axes *of the
+        transmission instant*; rotating them to reception is the range-rate model's job.
+    sat_clock, sat_clock_drift : array_like, shape (n,)
+        c·δt^s [m] (relativity included, group delay not) and its rate [m/s].
+    elevation, azimuth : array_like, shape (n,)
+        Seen from the receiver [rad], azimuth clockwise from north; NaN until a position is known.
+    rejected : array_like of str, shape (n,)
+        Why the row is not used; '' when it is.
+    label : array_like of str, shape (n,), optional
+        What a data set says of the path: 'los', 'nlos', or '' where it says nothing. Nothing in
+        the pipeline uses it; it is there to judge by.
+    """
+
+    time: FloatArray
+    sat: StrArray
+    signal: StrArray
+    wavelength: FloatArray
+    pseudorange: FloatArray
+    carrier: FloatArray
+    range_rate: FloatArray
+    cn0: FloatArray
+    loss_of_lock: NDArray[np.int64]
+    sat_pos_e: FloatArray
+    sat_vel_e: FloatArray
+    sat_clock: FloatArray
+    sat_clock_drift: FloatArray
+    elevation: FloatArray
+    azimuth: FloatArray
+    rejected: StrArray
+    label: StrArray = field(default_factory=lambda: np.empty(0, dtype="U4"))
+
+    def __post_init__(self) -> None:
+        time = checked("observations", "time", self.time, (-1,))
+        n = time.size
+        ordered("observations", time, strictly=False)
+        if np.size(self.label) == 0:
+            freeze(self, label=np.full(n, "", dtype="U4"))
+        for name in ("sat", "signal", "rejected", "label", "loss_of_lock"):
+            value = np.asarray(getattr(self, name))
+            if value.shape != (n,):
+                raise DataError(f"observations.{name}: expected shape ({n},), found {value.shape}")
+            if name == "loss_of_lock":
+                value = value.astype(np.int64)
+            elif value.dtype.kind != "U":
+                value = value.astype(str)
+            freeze(self, **{name: value})
+        freeze(
+            self, time=time, wavelength=checked("observations", "wavelength", self.wavelength, (n,))
+        )
+        for name in ("pseudorange", "carrier", "range_rate", "cn0", "sat_clock"):
+            freeze(self, **{name: checked("observations", name, getattr(self, name), (n,), False)})
+        for name in ("sat_clock_drift", "elevation", "azimuth"):
+            freeze(self, **{name: checked("observations", name, getattr(self, name), (n,), False)})
+        for name in ("sat_pos_e", "sat_vel_e"):
+            freeze(
+                self, **{name: checked("observations", name, getattr(self, name), (n, 3), False)}
+            )
+
+    def __len__(self) -> int:
+        return self.time.size
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """True for rows that nothing has rejected, shape (n,)."""
+        return np.asarray(self.rejected == "")
+
+    @property
+    def has_range_rate(self) -> NDArray[np.bool_]:
+        """True for usable rows whose range rate and satellite state are known, shape (n,)."""
+        state = np.isfinite(self.sat_vel_e).all(1) & np.isfinite(self.sat_clock_drift)
+        return np.asarray(self.usable & np.isfinite(self.range_rate) & state)
+
+    def epochs(self) -> Iterator[tuple[float, slice]]:
+        """Yield the time of each epoch and the slice of its rows."""
+        if not len(self):
+            return
+        starts = np.flatnonzero(np.diff(self.time, prepend=-np.inf) > 0)
+        for start, stop in zip(starts, [*starts[1:], len(self)], strict=True):
+            yield float(self.time[start]), slice(int(start), int(stop))
+
+    def take(self, rows: slice | NDArray) -> GnssObservations:
+        """Return the given rows (a slice, a mask or indices)."""
+        return GnssObservations(
+            **{f.name: getattr(self, f.name)[rows] for f in dataclasses.fields(self)}
+        )
+
+    def with_columns(self, **columns: object) -> GnssObservations:
+        """Return a copy with the named columns replaced."""
+        return dataclasses.replace(self, **columns)  # type: ignore[arg-type]
+
+    def mark(self, rows: NDArray[np.bool_], reason: str) -> GnssObservations:
+        """Return a copy in which the still usable rows of the mask are rejected for `reason`."""
+        rejected = np.where(rows & self.usable, reason, self.rejected)
+        return self.with_columns(rejected=rejected)
+
+
+@dataclass(frozen=True, eq=False)
+class GnssFixes:
+    """Antenna positions, and velocities where the source has them, with covariance.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,)
+        GPS time [s], strictly increasing.
+    pos_e, vel_e : array_like, shape (n, 3)
+        ECEF [m], [m/s]; velocity rows are NaN where there is none.
+    pos_cov_e, vel_cov_e : array_like, shape (n, 3, 3)
+        Covariances in ECEF axes [m²], [m²/s²]; NaN together with a missing velocity.
+    satellites : array_like of int, shape (n,)
+        Satellites used, −1 when the source does not say.
+    quality : array_like of str, shape (n,)
+        'fixed', 'float', 'dgps', 'single', 'receiver' …
+    """
+
+    time: FloatArray
+    pos_e: FloatArray
+    pos_cov_e: FloatArray
+    vel_e: FloatArray
+    vel_cov_e: FloatArray
+    satellites: NDArray[np.int64]
+    quality: StrArray
+
+    def __post_init__(self) -> None:
+        time = checked("fixes", "time", self.time, (-1,))
+        n = time.size
+        ordered("fixes", time)
+        freeze(
+            self,
+            time=time,
+            pos_e=checked("fixes", "pos_e", self.pos_e, (n, 3)),
+            pos_cov_e=checked("fixes", "pos_cov_e", self.pos_cov_e, (n, 3, 3)),
+            vel_e=checked("fixes", "vel_e", self.vel_e, (n, 3), False),
+            vel_cov_e=checked("fixes", "vel_cov_e", self.vel_cov_e, (n, 3, 3), False),
+            satellites=np.asarray(self.satellites, dtype=np.int64),
+            quality=np.asarray(self.quality).astype(str),
+        )
+
+    def __len__(self) -> int:
+        return self.time.size
+
+    @property
+    def has_velocity(self) -> NDArray[np.bool_]:
+        """True where a velocity with covariance is given, shape (n,)."""
+        both = np.isfinite(self.vel_e).all(1) & np.isfinite(self.vel_cov_e).all((1, 2))
+        return np.asarray(both)
+
+    def take(self, rows: slice | NDArray) -> GnssFixes:
+        """Return the given rows (a slice, a mask or indices)."""
+        return GnssFixes(**{f.name: getattr(self, f.name)[rows] for f in dataclasses.fields(self)})
