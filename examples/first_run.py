@@ -18,7 +18,7 @@ from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.loading import load
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.nav.check.recording import check
-from certnav.nav.config import load_config, to_toml
+from certnav.nav.config_files import load_config, to_toml
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate
 from certnav.nav.results.directory import read_result, write_result

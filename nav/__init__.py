@@ -1,23 +1,67 @@
 """Navigation runs: from files to a solution, its evaluation and its report.
 
-Conventions, stated here once and kept throughout
--------------------------------------------------
-Frames
-    i inertial, e ECEF, n north-east-down, b body = IMU (forward, right, down), v vehicle
-    (forward, right, down, at the point the wheels constrain), w local world (the body frame at a
-    window's start), a antenna.
-Vectors and rotations
-    ``pos_e``, ``vel_e``, ``lever_b``: a vector in that frame. ``C_eb @ x_b == x_e``.
-Attitude
-    Roll: right side down +. Pitch: nose up +. Heading: clockwise from true north.
-Units
-    SI and radians. Degrees, deg/h and mg only in files, configuration, command line and reports,
-    and then in the name: ``heading_deg``.
-Time
-    GPS seconds since the GPS epoch (week · 604800 + seconds of week), float64, no leap seconds.
-Satellites
-    Line of sight: unit vector from receiver to satellite. Doppler is positive when approaching;
-    range rate = −λ·D is positive when receding.
-Errors of the filter
-    True − estimated; see `filters.error_model`.
+    config, config_files        what a run is asked, and how it is written down
+    solution, notes             what it returns, what it tells
+    pipeline, navigator         a whole recording; a live vehicle
+    sweep                       much at once: threads, processes, a cluster
+
+    engine/                     events, the start, the filter loop and its decisions
+    evaluation/                 errors against a reference, honesty of the covariance
+    results/                    the result directory
+    report/                     the page of a run
+    check/ compare/             recordings against physics; methods side by side
+    tune/ windows/              thresholds from data; alignment windows of a recording
+    commands/                   the command line
+
+The names below are imported when they are first asked for.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..lazy import names
+
+if TYPE_CHECKING:
+    from .config import Config
+    from .config_files import load_config
+    from .engine.events import GnssEvent
+    from .evaluation.accuracy import Evaluation, evaluate
+    from .navigator import LiveState, Navigator
+    from .notes import Note
+    from .pipeline import navigate
+    from .results.directory import Result, read_result, write_result
+    from .solution import Solution, Trajectory, Update
+
+__all__ = [
+    "Config",
+    "Evaluation",
+    "GnssEvent",
+    "LiveState",
+    "Navigator",
+    "Note",
+    "Result",
+    "Solution",
+    "Trajectory",
+    "Update",
+    "evaluate",
+    "load_config",
+    "navigate",
+    "read_result",
+    "write_result",
+]
+
+__getattr__, __dir__ = names(
+    __name__,
+    {
+        "config": ("Config",),
+        "config_files": ("load_config",),
+        "engine.events": ("GnssEvent",),
+        "evaluation.accuracy": ("Evaluation", "evaluate"),
+        "navigator": ("LiveState", "Navigator"),
+        "notes": ("Note",),
+        "pipeline": ("navigate",),
+        "results.directory": ("Result", "read_result", "write_result"),
+        "solution": ("Solution", "Trajectory", "Update"),
+    },
+)

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, TypeVar
 
-from ..datasets.text.toml_files import parse_toml, read_toml
-from ..filters.errors import ConfigError, DataError
+from ..filters.errors import ConfigError
 from ..filters.sensors import PRESETS
 
 T = TypeVar("T")
@@ -314,106 +310,3 @@ class Config:
     gnss: GnssConfig = field(default_factory=GnssConfig)
     vehicle: VehicleConfig = field(default_factory=VehicleConfig)
     data: Mapping[str, Any] = field(default_factory=dict)
-
-
-def _section(cls: type[T], table: Mapping[str, Any], where: str) -> T:
-    """Build the dataclass `cls` from a table, checking keys and types."""
-    known = {f.name: f for f in dataclasses.fields(cls)}  # type: ignore[arg-type]
-    values: dict[str, Any] = {}
-    for key, value in table.items():
-        if key not in known:
-            raise ConfigError.unknown_key(key, known, where=where)
-        default = known[key].default
-        if isinstance(default, tuple):
-            values[key] = _numbers(f"{where}.{key}", value)
-            continue
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        wants_number = default is None or (
-            isinstance(default, (int, float)) and not isinstance(default, bool)
-        )
-        fits = number if wants_number else isinstance(value, type(default))
-        if not fits:
-            wanted = "number" if wants_number else type(default).__name__
-            raise ConfigError(f"{where}.{key}: expected a {wanted}, found {value!r}")
-        values[key] = float(value) if isinstance(default, float) or default is None else value
-    return cls(**values)
-
-
-def _numbers(key: str, value: Any) -> tuple[float, ...]:
-    numbers = isinstance(value, list | tuple) and all(
-        isinstance(v, int | float) and not isinstance(v, bool) for v in value
-    )
-    if not numbers:
-        raise ConfigError(f"{key}: expected a list of numbers, found {value!r}")
-    return tuple(float(v) for v in value)
-
-
-def from_tables(tables: Mapping[str, Any]) -> Config:
-    """Return the configuration given as nested tables; what is absent keeps its default."""
-    sections = {
-        "alignment": AlignmentConfig,
-        "filter": FilterConfig,
-        "gnss": GnssConfig,
-        "vehicle": VehicleConfig,
-    }
-    parts: dict[str, Any] = {}
-    for name, table in tables.items():
-        if name not in (*sections, "data"):
-            raise ConfigError.unknown_key(name, (*sections, "data"), where="configuration")
-        if not isinstance(table, Mapping):
-            raise ConfigError(f"{name}: expected a table, found {table!r}")
-        parts[name] = dict(table) if name == "data" else _section(sections[name], table, name)
-    return Config(**parts)
-
-
-def load_config(file: str | Path | None, assignments: Iterable[str] = ()) -> Config:
-    """Return the configuration of a TOML file with ``section.key=value`` assignments on top."""
-    tables: dict[str, Any] = {}
-    if file is not None:
-        if not Path(file).exists():
-            raise DataError("no such file", file=file, remedy="check --config")
-        tables, _ = read_toml(Path(file))
-    for text in assignments:
-        key, equals, value = text.partition("=")
-        section, dot, name = key.strip().partition(".")
-        if not (equals and dot and section and name):
-            raise ConfigError(f"--set {text}: expected section.key=value")
-        table = tables.setdefault(section, {})
-        if not isinstance(table, dict):
-            raise ConfigError(f"{section}: expected a table, found {table!r}")
-        table[name] = _parse_value(value.strip())
-    return from_tables(tables)
-
-
-def _parse_value(text: str) -> Any:
-    """Return a TOML value; bare words are strings."""
-    try:
-        return parse_toml(f"v = {text}")["v"]
-    except ValueError:
-        return text
-
-
-def to_toml(config: Config) -> str:
-    """Return the whole configuration as TOML; reading it back gives an equal configuration."""
-    lines = []
-    for section in dataclasses.fields(config):
-        part = getattr(config, section.name)
-        table = dict(part) if isinstance(part, Mapping) else dataclasses.asdict(part)
-        lines.append(f"[{section.name}]")
-        for key, value in table.items():
-            if value is None:
-                lines.append(f"# {key} is not set")
-            else:
-                lines.append(f"{key} = {_format_value(value)}")
-        lines.append("")
-    return "\n".join(lines)
-
-
-def _format_value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (int, float)):
-        return repr(value)
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_format_value(v) for v in value) + "]"
-    return json.dumps(str(value), ensure_ascii=False)

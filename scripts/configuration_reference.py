@@ -19,7 +19,8 @@ from typing import Any
 
 from certnav.filters.errors import ConfigError
 from certnav.filters.sensors import PRESETS
-from certnav.nav.config import Config, to_toml
+from certnav.nav.config import Config
+from certnav.nav.config_files import to_toml
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "configuration.md"
 COMMAND = "python scripts/configuration_reference.py --write"

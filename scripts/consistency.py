@@ -35,7 +35,7 @@ from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.earth import C_en_of
 from certnav.filters.rotation import FloatArray, matrix_from_rpy
-from certnav.nav.config import from_tables
+from certnav.nav.config_files import from_tables
 from certnav.nav.evaluation.interpolation import interpolate
 from certnav.nav.pipeline import navigate
 from certnav.nav.solution import Solution, Trajectory, Update

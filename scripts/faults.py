@@ -34,7 +34,7 @@ from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import NavError
 from certnav.nav.check.recording import check_sequence
-from certnav.nav.config import from_tables
+from certnav.nav.config_files import from_tables
 from certnav.nav.evaluation.accuracy import Evaluation, evaluate
 from certnav.nav.pipeline import navigate
 from certnav.nav.solution import Solution

@@ -33,7 +33,8 @@ from certnav.filters.errors import NavError
 from certnav.nav.compare.comparison import Comparison, SpellFigures, as_dict, compare
 from certnav.nav.compare.degradation import parse_outages
 from certnav.nav.compare.methods import METHODS, parse_methods
-from certnav.nav.config import Config, GnssConfig, from_tables
+from certnav.nav.config import Config, GnssConfig
+from certnav.nav.config_files import from_tables
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate
 from certnav.nav.results.summary import strict

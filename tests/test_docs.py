@@ -61,7 +61,7 @@ def test_certnav_commands_and_their_options_exist(page):
 
 @pages()
 def test_settings_quoted_with_set_are_known(page):
-    from certnav.nav.config import load_config
+    from certnav.nav.config_files import load_config
 
     for line in quoted(page, "certnav "):
         words = shlex.split(line.replace("…", ""))

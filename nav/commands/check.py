@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Check a recording; return 1 if it cannot be navigated."""
     from ...filters.errors import ConfigError
     from ..check.recording import check
-    from ..config import load_config
+    from ..config_files import load_config
 
     config = load_config(None, arguments.set)
     if any(not text.startswith("data.") for text in arguments.set):

@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> None:
     from ..compare.degradation import parse_outages
     from ..compare.methods import parse_methods
     from ..compare.report import check_replaceable, write_page
-    from ..config import load_config
+    from ..config_files import load_config
     from ..report.run import write_report
     from .progress import progress
 

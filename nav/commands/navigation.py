@@ -12,7 +12,8 @@ from ...datasets.loading import load
 from ...datasets.sequence import Sequence
 from ...filters.errors import DataError
 from ..check.recording import check_sequence
-from ..config import Config, to_toml
+from ..config import Config
+from ..config_files import to_toml
 from ..evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
 from ..notes import Note
 from ..pipeline import navigate

@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     from ...datasets.great.catalogue import great_sequence
     from ...filters.errors import ConfigError
-    from ..config import load_config
+    from ..config_files import load_config
     from ..results.formats import parse_formats
     from .navigation import navigate_folder
 

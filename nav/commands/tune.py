@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Tune, write the result directory, and say what was found."""
     from ...velocity.screening import Screening
-    from ..config import load_config
+    from ..config_files import load_config
     from ..tune.report import as_dict, write_tuning
     from ..tune.tuning import tune
 

@@ -27,7 +27,8 @@ from ...datasets.series import Reference
 from ...filters.earth import C_en_of, ecef_to_lla
 from ...filters.errors import AlignmentError, ConfigError, NavError
 from ...filters.rotation import FloatArray, rpy_from_matrix
-from ..config import Config, to_toml
+from ..config import Config
+from ..config_files import to_toml
 from ..evaluation.accuracy import METRICS, Evaluation, evaluate, normalised_nis
 from ..pipeline import navigate
 from ..results.directory import write_result

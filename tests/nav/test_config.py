@@ -3,7 +3,8 @@
 import pytest
 
 from certnav.filters.errors import ConfigError, DataError
-from certnav.nav.config import Config, from_tables, load_config, to_toml
+from certnav.nav.config import Config
+from certnav.nav.config_files import from_tables, load_config, to_toml
 
 
 def test_toml_round_trip(tmp_path):

@@ -6,7 +6,7 @@ import pytest
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import DataError
-from certnav.nav.config import from_tables
+from certnav.nav.config_files import from_tables
 from certnav.nav.engine.gnss import gnss_timeline
 from certnav.nav.navigator import Navigator
 from certnav.nav.pipeline import navigate

@@ -11,7 +11,7 @@ from certnav.datasets.series import ImuData
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import AlignmentError, ConfigError, DataError
-from certnav.nav.config import from_tables
+from certnav.nav.config_files import from_tables
 from certnav.nav.engine.gnss import gnss_timeline, sources
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate

@@ -87,7 +87,8 @@ def read_case(name: str, folder: Path, random: Random | None = None) -> tuple[st
 
 def _assign(folder: Path, r: Random) -> None:
     """Set one value of the configuration as ``--set`` does."""
-    from certnav.nav.config import Config, load_config
+    from certnav.nav.config import Config
+    from certnav.nav.config_files import load_config
 
     sections = ("alignment", "filter", "gnss", "vehicle", "data")
     section = r.choice(sections)

@@ -71,7 +71,7 @@ def _navigation(folder: Path) -> None:
 
 
 def _config(folder: Path) -> None:
-    from certnav.nav.config import load_config, to_toml
+    from certnav.nav.config_files import load_config, to_toml
 
     to_toml(load_config(folder / "config.toml"))
 

@@ -23,15 +23,8 @@ from certnav.datasets.text.imu import read_imu_table, read_imu_text
 from certnav.datasets.text.tables import read_table
 from certnav.filters.earth import C_en_at, C_en_of, ecef_to_lla, lla_to_ecef
 from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix
-from certnav.nav.config import (
-    AlignmentConfig,
-    Config,
-    FilterConfig,
-    GnssConfig,
-    VehicleConfig,
-    load_config,
-    to_toml,
-)
+from certnav.nav.config import AlignmentConfig, Config, FilterConfig, GnssConfig, VehicleConfig
+from certnav.nav.config_files import load_config, to_toml
 from certnav.nav.results.formats import write_nav, write_pos, write_tum
 from certnav.nav.results.tables import read_solution, write_solution
 from certnav.nav.solution import Epochs, Trajectory

@@ -9,7 +9,8 @@ from certnav.datasets.sequence import Sequence
 from certnav.datasets.series import ImuData
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.nav.config import Config, from_tables
+from certnav.nav.config import Config
+from certnav.nav.config_files import from_tables
 from certnav.nav.engine.blind import blind_spells, is_gap
 from certnav.nav.engine.gnss import gnss_timeline
 from certnav.nav.evaluation.accuracy import evaluate

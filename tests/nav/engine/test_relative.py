@@ -16,7 +16,7 @@ from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.earth import C_en_of
 from certnav.filters.errors import ConfigError, DataError
 from certnav.nav.commands.cli import main
-from certnav.nav.config import from_tables, load_config, to_toml
+from certnav.nav.config_files import from_tables, load_config, to_toml
 from certnav.nav.engine.gnss import gnss_timeline
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate

@@ -14,7 +14,8 @@ from certnav.filters.error_model import ErrorModel
 from certnav.filters.errors import AlignmentError
 from certnav.filters.rotation import matrix_from_rotvec
 from certnav.filters.strapdown import InertialStream
-from certnav.nav.config import AlignmentConfig, Config, from_tables
+from certnav.nav.config import AlignmentConfig, Config
+from certnav.nav.config_files import from_tables
 from certnav.nav.engine.gnss import gnss_timeline
 from certnav.nav.engine.start.finder import StartFinder, find_start
 from certnav.nav.engine.start.state import start_filter

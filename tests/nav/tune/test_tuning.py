@@ -19,7 +19,8 @@ from certnav.filters.measurements import antenna_velocity
 from certnav.filters.rotation import matrix_from_rotvec
 from certnav.filters.strapdown import InertialStream, NavState
 from certnav.nav.commands import tune as tuning_command
-from certnav.nav.config import Config, load_config
+from certnav.nav.config import Config
+from certnav.nav.config_files import load_config
 from certnav.nav.engine.ddia_update import filter_motion, measurement
 from certnav.nav.tune.position import Spells, spell_drifts
 from certnav.nav.tune.report import as_dict, write_tuning
