@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..filters.errors import ConfigError, DataError
+from .fix_faults import screened
 from .sequence import Sequence
 
 
@@ -150,5 +151,7 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
         if key not in reader.options:
             raise ConfigError.unknown_key(key, reader.options, where=f"options of {name}")
     sequence = reader.read(path, **options)
+    if sequence.fixes is not None:
+        sequence = dataclasses.replace(sequence, fixes=screened(sequence.fixes))
     how = "as told" if format is not None else f"recognised by {reader.looks_like}"
     return dataclasses.replace(sequence, notes=(f"read as {name}, {how}", *sequence.notes))

@@ -154,6 +154,8 @@ class GnssFixes:
         Satellites used, −1 when the source does not say.
     quality : array_like of str, shape (n,)
         'fixed', 'float', 'dgps', 'single', 'receiver' …
+    rejected : array_like of str, shape (n,), optional
+        Why the row is not used (`datasets.fix_faults`); '' when it is.
     """
 
     time: FloatArray
@@ -163,6 +165,7 @@ class GnssFixes:
     vel_cov_e: FloatArray
     satellites: NDArray[np.int64]
     quality: StrArray
+    rejected: StrArray = field(default_factory=lambda: np.empty(0, dtype="U1"))
 
     def __post_init__(self) -> None:
         time = checked("fixes", "time", self.time, (-1,))
@@ -177,10 +180,16 @@ class GnssFixes:
             vel_cov_e=checked("fixes", "vel_cov_e", self.vel_cov_e, (n, 3, 3), False),
             satellites=np.asarray(self.satellites, dtype=np.int64),
             quality=np.asarray(self.quality).astype(str),
+            rejected=np.full(n, "") if np.size(self.rejected) != n else np.asarray(self.rejected),
         )
 
     def __len__(self) -> int:
         return self.time.size
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """True for rows that nothing has rejected, shape (n,)."""
+        return np.asarray(self.rejected == "")
 
     @property
     def has_velocity(self) -> NDArray[np.bool_]:

@@ -91,6 +91,7 @@ class Tracks:
 def tracks(sequence: Sequence) -> Tracks:
     """Return the velocities of every source of `sequence`."""
     fixes, reference = sequence.fixes, sequence.reference
+    fixes = None if fixes is None else fixes.take(fixes.usable)
     observations = thinned(sequence.observations, _MAX_EPOCHS)
     coarse = None if observations is None else _coarse_positions(observations)
     doppler = None

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
+from ..fix_faults import screened
 from ..observations import GnssFixes, GnssObservations
 from ..physics import check_gravity, check_gyro, course_of
 from ..sequence import Calibration, Sequence
@@ -210,6 +211,15 @@ def _fixes(declared: Declaration) -> tuple[GnssFixes | None, list[str]]:
         fixes, notes = _fixes_of_format(declared, section, kind)
     if len(fixes) < 2:
         raise DataError(f"expected at least 2 positions, found {len(fixes)}", file=section.path())
+    fixes = screened(fixes)
+    if fixes.usable.sum() < 2:
+        reasons = ", ".join(sorted({str(reason) for reason in fixes.rejected if reason}))
+        raise DataError(
+            f"expected at least 2 positions, found {int(fixes.usable.sum())} among {len(fixes)} "
+            f"rows ({reasons})",
+            file=section.path(),
+            remedy="log while the receiver has a fix, or declare what the columns mean",
+        )
     return fixes, [sampling_note(fixes.time, f"GNSS {section.values['file']}"), *notes]
 
 
@@ -301,6 +311,7 @@ def _course(
     navigation: tuple[Path, ...],
 ) -> tuple[FloatArray, FloatArray]:
     """Return time and course of the best source there is: velocities before differences."""
+    fixes = None if fixes is None else fixes.take(fixes.usable)
     for record in (fixes, reference):
         if record is not None and np.isfinite(record.vel_e).any():
             return record.time, course_of(record.pos_e, record.vel_e)

@@ -9,6 +9,7 @@ from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of, ecef_to_lla, lla_to_ecef
 from ...filters.rotation import FloatArray
 from ...velocity.tracks import Track, Tracks
+from ..rejections import rejections
 from .findings import Finding
 
 #: Pseudoranges of GNSS satellites, receiver clock included [m]: 17 ms … 600 ms of light.
@@ -36,8 +37,11 @@ def gnss_findings(sequence: Sequence, tracks: Tracks, min_cn0: float) -> list[Fi
             *doppler(sequence.observations, tracks),
             *signal_strength(sequence.observations, min_cn0),
         ]
-    if sequence.fixes is not None and len(sequence.fixes) > 2:
-        out += fixes(sequence.fixes, tracks)
+    if sequence.fixes is not None:
+        out += no_fixes(sequence.fixes)
+        usable = sequence.fixes.take(sequence.fixes.usable)
+        if len(usable) > 2:
+            out += fixes(usable, tracks)
     return out
 
 
@@ -213,6 +217,11 @@ def signal_strength(observations: GnssObservations, min_cn0: float) -> list[Find
         found = f"{spread}; {100 * weak:.0f} % are below gnss.min_cn0_dbhz = {min_cn0:g}"
         return [Finding("doubtful", subject, found, "set gnss.min_cn0_dbhz lower", numbers)]
     return [Finding("note", subject, spread, "", numbers)]
+
+
+def no_fixes(found: GnssFixes) -> list[Finding]:
+    """Name the rows that are no fixes, or repeat one while the vehicle moved: they are not used."""
+    return [Finding("doubtful", "fixes", text) for text in rejections(found)]
 
 
 def fixes(found: GnssFixes, tracks: Tracks) -> list[Finding]:

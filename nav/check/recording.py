@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...datasets import gpstime
+from ...datasets.observations import GnssFixes
 from ...datasets.physics import collected_refusals
 from ...datasets.sequence import Sequence
 from ...filters.earth import SPEED_OF_LIGHT
@@ -111,7 +112,7 @@ def check_sequence(sequence: Sequence, gnss: GnssConfig | None = None) -> list[F
         f.severity == "fatal" and f.subject == "GNSS velocity" for f in gnss_found
     ):
         # Said already: what comes next shall not find the same fault again under another name.
-        moved = differenced("differenced positions", sequence.fixes.time, sequence.fixes.pos_e)
+        moved = differenced("differenced positions", *_usable(sequence.fixes))
         found = dataclasses.replace(found, gnss=moved)
     out = [
         *dates(sequence),
@@ -188,10 +189,14 @@ def _causes_only(findings: list[Finding]) -> list[Finding]:
     return [f for f in findings if f.severity != "doubtful" or f.subject not in implied]
 
 
+def _usable(fixes: GnssFixes) -> tuple[FloatArray, FloatArray]:
+    return fixes.time[fixes.usable], fixes.pos_e[fixes.usable]
+
+
 def _positions(sequence: Sequence) -> tuple[FloatArray, FloatArray] | None:
     """Return antenna positions to a few metres: carried ones, else single-point positions."""
-    if sequence.fixes is not None and len(sequence.fixes) > 8:
-        return sequence.fixes.time, sequence.fixes.pos_e
+    if sequence.fixes is not None and sequence.fixes.usable.sum() > 8:
+        return _usable(sequence.fixes)
     observations = thinned(sequence.observations, _FIXES)
     if observations is None or not sequence.navigation or sequence.reference is None:
         return None

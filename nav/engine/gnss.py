@@ -6,6 +6,7 @@ that the update log tells of it.
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...alignment.in_motion.rows import DopplerEpoch
+from ...datasets.fix_faults import screened
 from ...datasets.observations import GnssFixes, GnssObservations
 from ...datasets.sequence import Sequence
 from ...filters.earth import SPEED_OF_LIGHT
@@ -22,6 +24,7 @@ from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray
 from ..config import GnssConfig
 from ..notes import Note, plain
+from ..rejections import rejections
 from ..solution import Epochs
 from .events import GnssEvent, doppler_noise, inflated, missing
 from .relative import with_relative_positions
@@ -55,7 +58,12 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         If a source is asked for that the sequence does not have.
     """
     position, velocity = sources(sequence, config)
+    if sequence.fixes is not None:
+        sequence = dataclasses.replace(sequence, fixes=screened(sequence.fixes))
     notes = plain([f"positions: {position}; velocities: {velocity}"])
+    if sequence.fixes is not None and "carried" in (position, velocity):
+        texts = rejections(sequence.fixes)
+        notes += tuple(Note("doubtful", f"fixes: {text}") for text in texts)
     if sequence.observations is None:
         assert sequence.fixes is not None
         events = [
@@ -74,12 +82,13 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         notes += doubts
         if position == "rtk":
             lost = ~np.isin(observations.time, where.time)  # code that no fix vouches for
-            screened = observations.mark(faulty | lost, "not in the single-point fix")
-            events, said = with_relative_positions(events, screened, sequence, config)
-            notes += plain([said])
+            kept = observations.mark(faulty | lost, "not in the single-point fix")
+            events, found = with_relative_positions(events, kept, sequence, config)
+            notes += plain([found])
     elif sequence.fixes is not None:
         fixes = sequence.fixes
-        where = _Whereabouts(fixes.time, fixes.pos_e, np.zeros(len(fixes)))
+        at = fixes.take(fixes.usable)
+        where = _Whereabouts(at.time, at.pos_e, np.zeros(len(at)))
         if position == "carried":
             events = _carried(fixes, "position", config)
     if where is not None and where.time.size:
@@ -160,16 +169,16 @@ def _carried(fixes: GnssFixes, kind: str, config: GnssConfig) -> list[GnssEvent]
     if kind == "position":
         value, cov = fixes.pos_e, fixes.pos_cov_e
         scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
-        present = np.ones(len(fixes), dtype=bool)
+        present = fixes.usable
     else:
         value, cov = fixes.vel_e, fixes.vel_cov_e
         scale, floor = config.velocity_sigma_scale, config.velocity_sigma_floor_mps
-        present = fixes.has_velocity
+        present = fixes.has_velocity & fixes.usable
     return [
         GnssEvent(float(t), kind, v, inflated(c, scale, floor))
         if ok
-        else missing(float(t), kind, f"no {kind} in the data")
-        for t, v, c, ok in zip(fixes.time, value, cov, present, strict=True)
+        else missing(float(t), kind, str(why) or f"no {kind} in the data")
+        for t, v, c, ok, why in zip(fixes.time, value, cov, present, fixes.rejected, strict=True)
     ]
 
 

@@ -78,9 +78,10 @@ class FilterLoop:
     def constrain(self, until: float) -> None:
         """Offer the vehicle's constraints that are due before `until` [s], each at its time."""
         interval = self.config.vehicle.interval_s
-        while (due := self.begin + self._constraints * interval) < until:
+        # Due at the very time of an event: that goes first, whatever rounding says.
+        while (due := self.begin + self._constraints * interval) < until - 1e-6:
             self._propagate(due)
-            credible = self._patience["velocity"].lasted < _EVIDENT - 1e-6
+            credible = self._patience["velocity"].lasted < _EVIDENT - 1e-3
             for kind, measurement in self.vehicle.offered(self.kalman, credible):
                 outcome, reason = self._constrained(kind, measurement)
                 self.updates.append(logged(self.kalman.time, kind, (), outcome, reason))

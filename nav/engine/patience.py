@@ -55,7 +55,7 @@ class Patience:
         """
         if self.limit <= 0.0 or self._latest is None:
             return False
-        return self._by(time) >= (self.limit if limit is None else limit) - 1e-6
+        return self._by(time) >= (self.limit if limit is None else limit) - 1e-3
 
     def _by(self, time: float) -> float:
         if self._latest is None:
