@@ -32,10 +32,11 @@ setup: $(STAMP)        ## make .venv and install certnav with what the tests nee
 
 # A venv of another Python is made anew: its stamp has another name.
 $(STAMP): pyproject.toml $(CONSTRAINTS)
+	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("Python 3.11 or later, please")'
 	$(PYTHON) -m venv $(if $(wildcard $(STAMP)),,--clear) $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 		$(if $(CONSTRAINTS),--constraint $(CONSTRAINTS)) --editable ".[test]"
-	mkdir -p $(VENV)/typing && ln -sfn ../.. $(VENV)/typing/certnav  # where mypy finds it
+	mkdir -p $(VENV)/typing && ln -sfn "$(CURDIR)" $(VENV)/typing/certnav  # where mypy finds it
 	touch $@
 
 lint: setup
