@@ -10,7 +10,7 @@ from certnav.datasets.gpstime import from_week_sow
 from certnav.datasets.simulation.sensors import imu_measurements
 from certnav.datasets.simulation.streets import RouteConfig, drive
 from certnav.datasets.simulation.trajectory import Trajectory
-from certnav.filters.earth import C_en_of, lla_to_ecef
+from certnav.filters.earth import OMEGA_IE_E, C_en_of, gravity_e, lla_to_ecef
 from certnav.filters.errors import AlignmentError
 from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix
 from certnav.filters.sensors import imu_preset
@@ -142,6 +142,47 @@ def cruise(speed, turn_rate=0.0, duration=40.0, seed=0):
     return stream, VelocityTrack(
         epochs, vel_n @ C_en_of(pos_e).T, np.full(n, 0.05), np.tile(pos_e, (n, 1))
     )  # fmt: skip
+
+
+def pulling_away(acceleration, rest=0.0, speed=0.0, silent=0.0, sigma=0.05, duration=14.0):
+    """A car heading north that speeds up steadily on level ground, after a rest if it has one.
+
+    GNSS is silent for so long from the moment it moves off.
+    """
+    rng, rate, pos_e = np.random.default_rng(1), 100.0, lla_to_ecef(0.8, 0.1, 100.0)
+    start = from_week_sow(2300, 1000.0)
+    time = start + np.arange(1, int((rest + duration) * rate)) / rate
+    moving = time > start + rest + 1e-6
+    down = float(np.linalg.norm(gravity_e(pos_e)))
+    accel = np.column_stack([acceleration * moving, 0.0 * time, np.full(time.size, -down)])
+    gyro = np.tile(C_en_of(pos_e).T @ OMEGA_IE_E, (time.size, 1))
+    accel += SPEC.accel_noise_density * np.sqrt(rate) * rng.standard_normal(accel.shape)
+    epochs = start + np.arange(np.ceil(rest + silent) + 1.0, rest + duration - 1.0)
+    ahead = speed + acceleration * (epochs - start - rest)
+    n = epochs.size
+    return InertialStream(time, gyro, accel), VelocityTrack(
+        epochs, np.outer(ahead, C_en_of(pos_e)[:, 0]), np.full(n, sigma), np.tile(pos_e, (n, 1))
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("acceleration", [3.0, -3.0])
+def test_speeding_up_is_not_taken_for_a_slope(acceleration):
+    """3 m/s² look like 17° of pitch to the accelerometers; GNSS says what they are."""
+    stream, track = pulling_away(acceleration, speed=50.0)
+    result = level_and_course(stream, track, np.eye(3), SPEC)
+    assert "in motion" in result.message
+    roll, pitch, heading = rpy_from_matrix(C_en_of(track.pos_e[0]).T @ result.C_eb)
+    # Gravity lies up to 0.1° off the vertical of the ellipsoid's normal at 100 m; noise is less.
+    assert np.abs(np.degrees([roll, pitch])).max() < 0.15
+    assert abs(np.degrees(heading)) < 0.01
+
+
+@pytest.mark.parametrize(("sigma", "believed"), [(0.05, True), (0.6, True), (1.0, False)])
+def test_a_vague_first_velocity_cannot_tell_of_a_standstill(sigma, believed):
+    """After 5 s at rest and 3 s at 2 m/s²: 6 m/s ± 3σ are told from nothing, or they are not."""
+    stream, track = pulling_away(2.0, rest=5.0, silent=2.0, sigma=sigma)
+    result = level_and_course(stream, track, np.eye(3), SPEC)
+    assert ("at rest" in result.message) == believed
 
 
 @pytest.mark.parametrize(("speed", "turn_rate"), [(30.0, 0.0), (30.0, 0.03), (8.0, 0.0)])

@@ -109,9 +109,14 @@ def test_noise_of_the_local_velocity_is_no_third_dimension(windows):
         noise = np.random.default_rng(4).normal(size=(10, 3))[window.rows.epoch] * 0.1
         noisy = dataclasses.replace(window.rows, vel_w=window.rows.vel_w + noise)
         problem = build_problem(noisy)
-        assert observability(problem.Q).rank_v == 3
+        naive = observability(problem.Q)
+        assert (naive.rank_v, naive.rank_m) == (3, 9)
         seen = observability(problem.Q, vel_sigma=0.1, information=problem.information)
-        assert seen.rank_v == 2
+        assert (seen.rank_v, seen.rank_n, seen.rank_m) == (2, 3, 6)
+        # Three times the χ² that noise is expected to add, on top of what is noticed without.
+        noise = 3.0 * 0.1**2 * problem.information
+        assert seen.threshold_v == pytest.approx(naive.threshold_v + noise)
+        assert seen.threshold_n == naive.threshold_n == naive.threshold_v
 
 
 def test_simulated_windows_have_the_expected_geometry(windows):

@@ -123,6 +123,18 @@ def test_gap_is_relative_to_the_trace_of_the_diagonal():
     assert float(check(found).relative_gap) == pytest.approx(gap, rel=1e-12)
 
 
+def test_units_of_the_cost_do_not_matter():
+    """tr Q far below one: the same proof."""
+    found, minimum = proved(8)
+    factor = Fraction(1, 10**9)
+    small = dataclasses.replace(
+        found, Q=tuple(factor * q for q in found.Q), bound=factor * found.bound,
+        multipliers=tuple(factor * m for m in found.multipliers), cost=factor * found.cost,
+    )  # fmt: skip
+    assert minimum.scale * float(factor) < 1.0
+    assert check(small).proved and check(small).relative_gap == check(found).relative_gap
+
+
 @pytest.mark.parametrize("trace", [0, -1])
 def test_a_matrix_without_a_positive_trace_proves_nothing(trace):
     """tr Q is what the gap is small against: without one everything would be small."""

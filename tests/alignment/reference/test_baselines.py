@@ -68,6 +68,12 @@ def test_gauss_newton_with_the_clock_alongside_takes_the_same_steps(windows):
     assert not eliminated.converged
 
 
+def test_gauss_newton_gives_up_where_the_published_code_does(windows):
+    ((_, problem),) = windows(1, 4, sigma=0.1)
+    endless = gauss_newton(problem, tolerance=0.0)
+    assert (endless.used, endless.converged) == (20, False)
+
+
 def test_gauss_newton_can_fail_where_the_relaxation_does_not(windows):
     lost = 0
     for window, problem in windows(60, 3, "2d"):
