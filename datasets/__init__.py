@@ -12,7 +12,9 @@
     axes             axes of a sensor by name
     gpstime,         GPS seconds from and to calendars; time scales of files
     time_scales
+    fix_faults       fixes that are none, or repeated in motion
     cache            what is read once and kept
+    placing          directories that appear whole
 
     formats/         one module a public recording or file format
     great/           the GREAT dataset: reader, options, import, catalogue, writer

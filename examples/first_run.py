@@ -18,7 +18,7 @@ from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.loading import load
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.nav.check.recording import check
-from certnav.nav.config_files import load_config, to_toml
+from certnav.nav.config_files import load_config
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate
 from certnav.nav.results.directory import read_result, write_result
@@ -68,6 +68,6 @@ figure.savefig(work / "error.png")
 # A result directory holds everything, and reads back.
 
 # %%
-out = write_result(work / "result", solution, evaluation, sequence, to_toml(config), ("pos",))
+out = write_result(work / "result", solution, evaluation, sequence, config, ("pos",))
 print(sorted(p.name for p in out.iterdir()))
 assert read_result(out).evaluation.metrics == evaluation.metrics

@@ -12,6 +12,7 @@
     aided_screening    which satellites to trust when the velocity is roughly known
     doppler_noise      a receiver's noise over C/N0, fitted to what it did
     mounting           the IMU's mounting in the vehicle, from straight driving
+    tracks             velocities of a recording from every source it has
 
     study/             the paper's statistics, of any drive
 

@@ -13,7 +13,6 @@ from ...datasets.sequence import Sequence
 from ...filters.errors import DataError
 from ..check.recording import check_sequence
 from ..config import Config
-from ..config_files import to_toml
 from ..evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
 from ..notes import Note
 from ..pipeline import navigate
@@ -51,7 +50,7 @@ def navigate_folder(
         solution, evaluation = judged(solution, sequence)
         solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
         write_result(
-            out, solution, evaluation, sequence, to_toml(config), formats,
+            out, solution, evaluation, sequence, config, formats,
             draw=_draw if report_page else None, table=table,
         )  # fmt: skip
     _print_summary(solution, evaluation, sequence, out)

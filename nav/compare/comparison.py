@@ -18,7 +18,6 @@ import numpy as np
 from ...datasets.sequence import Sequence
 from ...filters.errors import AlignmentError, ConfigError, NavError
 from ..config import Config
-from ..config_files import to_toml
 from ..evaluation.accuracy import evaluate
 from ..pipeline import navigate
 from ..results.directory import write_result
@@ -185,7 +184,7 @@ def _carry_out(task: _Task, sequence: Sequence) -> Run:
         return Run(name, sequence.name, task.variant, reason=str(error))
     run = reduced(name, sequence.name, task.variant, solution, evaluation, task.spells, task.method)
     if task.out is not None:
-        config = to_toml(task.method.config(task.config))
+        config = task.method.config(task.config)
 
         def draw(draft: Path) -> None:
             write_sidecar(draft, run, task.spells, task.outages.text)

@@ -32,6 +32,8 @@ import numpy as np
 from ...datasets.placing import SEAL, current, seal, written_whole
 from ...datasets.sequence import Sequence
 from ...filters.errors import DataError
+from ..config import Config
+from ..config_files import to_toml
 from ..evaluation.accuracy import Evaluation, without_reference
 from ..notes import Note
 from ..solution import AlignmentReport, Solution
@@ -87,7 +89,7 @@ def write_result(
     solution: Solution,
     evaluation: Evaluation,
     sequence: Sequence,
-    config_text: str,
+    config: Config | str,
     formats: Iterable[str] = (),
     *,
     draw: Callable[[Path], object] | None = None,
@@ -102,8 +104,8 @@ def write_result(
     evaluation : Evaluation
     sequence : Sequence
         What was navigated; its size, sensors and notes go into the summary.
-    config_text : str
-        Configuration in force, as TOML.
+    config : Config or str
+        Configuration in force; a text is written as it stands.
     formats : iterable of str
         Exports to add, keys of `nav.results.formats.FORMATS`.
     draw : callable, optional
@@ -135,7 +137,8 @@ def write_result(
             write_attempts(draft / "alignment.csv", solution.alignment.attempts)
         if evaluation.has_reference:
             write_errors(draft / "reference_errors.csv", evaluation)
-        (draft / "config.toml").write_text(config_text, encoding="utf-8")
+        text = config if isinstance(config, str) else to_toml(config)
+        (draft / "config.toml").write_text(text, encoding="utf-8")
         summary = strict(summarise(solution, evaluation, sequence))
         text = json.dumps(summary, indent=2, ensure_ascii=False, allow_nan=False)
         (draft / "summary.json").write_text(text + "\n", encoding="utf-8")

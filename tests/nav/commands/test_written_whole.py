@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from certnav.datasets import load, placing
+from certnav.datasets import loading, placing
 from certnav.datasets.great import writer
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.nav.commands import compare as compare_command
@@ -40,7 +40,7 @@ def compare(monkeypatch):
         return Comparison((Run("lc4", "drive", "@0", reason="not tried"),), {}, "60/180")
 
     monkeypatch.setattr(comparison, "compare", compared)
-    monkeypatch.setattr(load, "load", lambda *_, **__: None)
+    monkeypatch.setattr(loading, "load", lambda *_, **__: None)
     parser = argparse.ArgumentParser()
     compare_command.add_arguments(parser)
     return lambda out: compare_command.run(parser.parse_args(["drive", "--out", str(out)]))
