@@ -177,6 +177,20 @@ def test_speeding_up_is_not_taken_for_a_slope(acceleration):
     assert abs(np.degrees(heading)) < 0.01
 
 
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_a_standstill_ends_where_any_axis_shows_something_else(sensor, axis):
+    """Quiet within every second, and another rate or force from the middle of the rest on."""
+    stream, track = pulling_away(2.0, rest=12.0)
+    assert "over 12 s at rest" in level_and_course(stream, track, np.eye(3), SPEC).message
+    changed = getattr(stream, sensor).copy()
+    changed[: len(changed) * 6 // 26, axis] += {"gyro": np.radians(0.6), "accel": 0.4}[sensor]
+    measured = {"gyro": stream.gyro, "accel": stream.accel, sensor: changed}
+    stream = InertialStream(stream.edges[1:], measured["gyro"], measured["accel"])
+    result = level_and_course(stream, track, np.eye(3), SPEC)
+    assert "over 6 s at rest" in result.message
+
+
 @pytest.mark.parametrize(("sigma", "believed"), [(0.05, True), (0.6, True), (1.0, False)])
 def test_a_vague_first_velocity_cannot_tell_of_a_standstill(sigma, believed):
     """After 5 s at rest and 3 s at 2 m/s²: 6 m/s ± 3σ are told from nothing, or they are not."""

@@ -101,6 +101,8 @@ def test_both_solvers_say_the_same_of_a_window(satellites, motion, status):
         for name in sdp.asked:
             assert sdp.verdict(name).passed == fast.verdict(name).passed
         assert sdp.cost == pytest.approx(fast.cost, rel=1e-6, abs=1e-9)
+        assert sdp.rivals.C.shape == (0, 3, 3) and sdp.rivals.cost.shape == (0,)
+        assert sdp.bound == np.pi and sdp.dof == fast.dof
 
 
 def test_a_relaxation_that_is_not_tight_is_not_optimal(choi_lam):
@@ -140,6 +142,7 @@ def test_sigma_is_that_of_the_axis_known_least():
     result = replace(align(window().rows), cov_w=np.diag([1.0, 9.0, 4.0]))
     assert result.sigma == 3.0
     assert replace(result, cov_w=np.full((3, 3), np.nan)).sigma == np.inf
+    assert replace(result, cov_w=np.diag([1.0, np.inf, 4.0])).sigma == np.inf
 
 
 def parts(value, seen):

@@ -133,6 +133,19 @@ def test_other_clocks(kind):
     assert (found.proof is None) == (kind == "linear")
 
 
+@pytest.mark.parametrize(("share", "passed"), [(0.1, True), (0.3, False)])
+def test_without_a_proof_most_rows_have_to_agree(share, passed):
+    """A linear clock admits none: then eight rows of ten, or nobody knows."""
+    w = window(7, epochs=15, clock_rate=0.1)
+    rows, _ = contaminated(w.rows, share, "random", 7)
+    found = align_robust(rows, ClockModel("linear"))
+    verdict = found.result.verdict(Ask.CONSENSUS)
+    assert found.proof is None and verdict.passed == passed
+    assert verdict.value == pytest.approx(1.0 - share, abs=0.05) and verdict.limit == 0.8
+    assert ("admit no proof" in verdict.message) == (not passed)
+    assert found.passed == passed
+
+
 def test_unknown_start_velocity_as_a_nuisance():
     w = window(8, epochs=20, speed=15.0)
     offset = np.array([3.0, -2.0, 1.0])

@@ -148,6 +148,33 @@ def test_bias_and_scale_responses_are_derivatives(drive):
         np.testing.assert_allclose(base.B[:, :, 3 + axis], change, rtol=1e-3, atol=0.5)
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_integrals_in_closed_form_at_any_instant(axis):
+    """Constant force along one axis, constant rate about it, samples of a second: quadratics."""
+    f, w, start = 4.0, 0.3, 1000.0
+    along = np.eye(3)[axis]
+    stream = InertialStream(
+        start + np.arange(1.0, 21.0), np.tile(w * along, (20, 1)), np.tile(f * along, (20, 1))
+    )
+    stream.edges[0] = start
+    time = start + np.array([2.0, 2.3, 5.0, 7.9, 12.6])
+    track, t = inertial_track(stream, time), time - time[0]
+    np.testing.assert_allclose(track.C_wb, matrix_from_rotvec(np.outer(w * t, along)), atol=1e-12)
+    np.testing.assert_allclose(track.dv_w, np.outer(f * t, along), atol=1e-12)
+    np.testing.assert_allclose(track.omega_b, np.tile(w * along, (5, 1)), atol=1e-12)
+    # About its own axis: the time itself for the bias, the angle for the scale factor.
+    np.testing.assert_allclose(track.A[:, axis, axis], t, atol=1e-12)
+    np.testing.assert_allclose(track.A[:, axis, 3 + axis], w * t, atol=1e-12)
+    np.testing.assert_allclose(track.F[:, axis, axis], t, atol=1e-12)
+    np.testing.assert_allclose(track.F[:, axis, 3 + axis], f * t, atol=1e-12)
+    # Across it, without a rate: ½ f t² of Δv for a bias, anchored at the first instant.
+    still = InertialStream(stream.edges[1:], 0.0 * stream.gyro, stream.accel)
+    still.edges[0] = start
+    B = inertial_track(still, time).B
+    expected = 0.5 * t[:, None, None] ** 2 * skew(f * along)
+    np.testing.assert_allclose(B[:, :, :3], expected, atol=1e-10)
+
+
 def test_parts_of_a_bias_add_up_to_the_whole(drive):
     _, stream, doppler = drive
     base = inertial_track(stream, doppler.time[:31]).part(0, 30, 12)

@@ -112,8 +112,9 @@ def test_refuses_senseless_questions():
     w = window(11)
     with pytest.raises(ConfigError, match="required"):
         prove_consensus(w.rows, w.C_ew, 0)
-    with pytest.raises(ConfigError, match="radius"):
-        prove_consensus(w.rows, w.C_ew, 5, radius=4.0)
+    for radius in (0.0, np.pi):
+        with pytest.raises(ConfigError, match="radius"):
+            prove_consensus(w.rows, w.C_ew, 5, radius=radius)
 
 
 def test_a_row_weighs_as_much_as_it_excludes():

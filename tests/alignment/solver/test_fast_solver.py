@@ -267,6 +267,15 @@ def test_both_backends_find_the_lower_of_two_mirrored_basins():
     assert max(starts) > 3
 
 
+def test_both_backends_do_the_same_work_where_there_is_no_proof():
+    """Every start is tried, and a barrier that failed is not asked about the same point again."""
+    one, other = (fast_minimum(choi_lam(), backend=name) for name in BACKENDS)
+    assert one.starts == other.starts == 24
+    assert one.barrier_steps == other.barrier_steps > 0
+    # A constant has no slope to descend along.
+    assert fast_minimum(HOMOGENEOUS, backend="numba").newton_steps == 0
+
+
 def test_unknown_backend():
     with pytest.raises(ConfigError, match="did you mean 'numba'"):
         fast_minimum(np.eye(10), backend="numbra")
