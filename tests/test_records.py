@@ -191,4 +191,5 @@ def test_measurements_take_lists(sequence):
     ):  # fmt: skip
         arrays, lists = make(np.asarray), make(lambda value: np.asarray(value).tolist())
         for name in ("z", "H", "R"):
+            assert isinstance(getattr(lists, name), np.ndarray)
             np.testing.assert_array_equal(getattr(lists, name), getattr(arrays, name))
