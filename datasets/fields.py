@@ -53,6 +53,13 @@ def freeze(record: object, **arrays: object) -> None:
         object.__setattr__(record, name, value)
 
 
+def span(time: FloatArray) -> str:
+    """Return rate and length of a series in words: '100 Hz, 600.0 s'."""
+    if time.size < 2:
+        return f"at {time[0]:.3f} s" if time.size else "empty"
+    return f"{1.0 / float(np.median(np.diff(time))):.4g} Hz, {time[-1] - time[0]:.1f} s"
+
+
 def rows_of(record, rows: NDArray[np.bool_]):
     """Return a copy of `record` with the masked rows of every per-epoch array."""
     n = record.time.size

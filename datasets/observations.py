@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..filters.errors import DataError
 from ..filters.rotation import FloatArray
-from .fields import StrArray, checked, freeze, ordered
+from .fields import StrArray, checked, freeze, ordered, span
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +103,14 @@ class GnssObservations:
     def __len__(self) -> int:
         return self.time.size
 
+    def __repr__(self) -> str:
+        epochs = np.unique(self.time)
+        systems, signals = np.unique(self.sat.astype("U1")), np.unique(self.signal)
+        return (
+            f"GnssObservations({len(self)} rows, {int(self.usable.sum())} usable, {epochs.size} "
+            f"epochs, {span(epochs)}, systems {''.join(systems)}, signals {' '.join(signals)})"
+        )
+
     @property
     def usable(self) -> NDArray[np.bool_]:
         """True for rows that nothing has rejected, shape (n,)."""
@@ -182,9 +190,21 @@ class GnssFixes:
             quality=np.asarray(self.quality).astype(str),
             rejected=np.full(n, "") if np.size(self.rejected) != n else np.asarray(self.rejected),
         )
+        for name in ("satellites", "quality"):
+            if getattr(self, name).shape != (n,):
+                found = getattr(self, name).shape
+                raise DataError(f"fixes.{name}: expected shape ({n},), found {found}")
 
     def __len__(self) -> int:
         return self.time.size
+
+    def __repr__(self) -> str:
+        quality, count = np.unique(self.quality, return_counts=True)
+        shares = ", ".join(f"{q} {c}" for q, c in zip(quality, count, strict=True))
+        return (
+            f"GnssFixes({len(self)} epochs, {span(self.time)}, {int(self.has_velocity.sum())} with "
+            f"velocity; {shares})"
+        )
 
     @property
     def usable(self) -> NDArray[np.bool_]:

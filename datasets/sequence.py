@@ -72,6 +72,11 @@ class Calibration:
             lever_vehicle_b=checked("calibration", "lever_vehicle_b", self.lever_vehicle_b, (3,)),
         )
 
+    def __repr__(self) -> str:
+        lever = ", ".join(f"{value:g}" for value in self.lever_antenna_b)
+        mounting = self.mounting_source or "not known"
+        return f"Calibration({self.imu.name}, antenna at ({lever}) m, mounting {mounting})"
+
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
@@ -129,6 +134,11 @@ class Sequence:
                     f"{part} {times[0]:.1f}…{times[-1]:.1f} s",
                     remedy="check GPS week, time scale and leap seconds",
                 )
+
+    def __repr__(self) -> str:
+        names = ("imu", "observations", "fixes", "odometer", "reference", "calibration")
+        parts = [repr(part) for name in names if (part := getattr(self, name)) is not None]
+        return "\n  ".join([f"Sequence({self.name!r}, {self.time_scale} time", *parts]) + ")"
 
     @property
     def inertial(self) -> ImuData:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..filters.errors import DataError
 from ..filters.rotation import FloatArray
-from .fields import checked, freeze, ordered
+from .fields import checked, freeze, ordered, span
 
 #: Without inertial data for longer than this [s] it is no longer one drive.
 _LONGEST_GAP = 3600.0
@@ -57,6 +57,9 @@ class ImuData:
     def __len__(self) -> int:
         return self.time.size
 
+    def __repr__(self) -> str:
+        return f"ImuData({len(self)} samples, {span(self.time)})"
+
     @property
     def interval(self) -> float:
         """Median sample interval [s]."""
@@ -92,6 +95,13 @@ class Odometer:
         freeze(self, time=time, speed=checked("odometer", "speed", self.speed, (time.size,)))
         if self.yaw_rate is not None:
             freeze(self, yaw_rate=checked("odometer", "yaw_rate", self.yaw_rate, (time.size,)))
+
+    def __len__(self) -> int:
+        return self.time.size
+
+    def __repr__(self) -> str:
+        yaw = "" if self.yaw_rate is None else ", with yaw rate"
+        return f"Odometer({len(self)} samples, {span(self.time)}{yaw})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,3 +156,11 @@ class Reference:
 
     def __len__(self) -> int:
         return self.time.size
+
+    def __repr__(self) -> str:
+        whose = {"b": "the IMU", "v": "the vehicle"}[self.attitude_frame]
+        attitude = f"attitude of {whose}" if np.isfinite(self.rpy).any() else "no attitude"
+        return (
+            f"Reference({len(self)} epochs, {span(self.time)}, position of the {self.point}, "
+            f"{attitude}: {self.source})"
+        )

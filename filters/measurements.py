@@ -36,6 +36,14 @@ class Measurement:
     H: FloatArray
     R: FloatArray
 
+    def __post_init__(self) -> None:
+        for name in ("z", "H", "R"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+
+    def __repr__(self) -> str:
+        m, n = self.H.shape
+        return f"Measurement({m} rows, {n} states)"
+
 
 def antenna_position(state: NavState, lever_b: ArrayLike) -> FloatArray:
     """Return the ECEF position [m] of a point at `lever_b` [m] from the IMU."""

@@ -46,6 +46,9 @@ class DriftFree(NamedTuple):
     e_e: FloatArray
     cov: FloatArray
 
+    def __repr__(self) -> str:
+        return f"DriftFree({len(self.z)} differences)"
+
 
 @dataclass(frozen=True, eq=False)
 class AidedVelocity:
@@ -109,6 +112,15 @@ class AidedVelocity:
     dof: int = 0
     chi2: float = np.nan
     variance_factor: float = np.nan
+
+    def __repr__(self) -> str:
+        if not self.ok:
+            return f"AidedVelocity(t = {self.time:.3f} s, {self.status})"
+        sigma = np.hypot(self.sigma_doppler, self.sigma_attitude)
+        return (
+            f"AidedVelocity(t = {self.time:.3f} s, {self.speed:.2f} ± {sigma:.2f} m/s forward, "
+            f"k = {self.k:.2f}, {len(self.satellites)} satellites, {len(self.rejected)} rejected)"
+        )
 
     @property
     def ok(self) -> bool:

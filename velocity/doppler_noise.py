@@ -50,6 +50,14 @@ class NoiseFit:
     count: NDArray[np.int64]
     misfit: float
 
+    def __repr__(self) -> str:
+        noise = self.noise
+        return (
+            f"NoiseFit({noise.sigma_45:.3g} m/s at 45 dB-Hz over a floor of {noise.floor:.3g} m/s, "
+            f"tenfold in {noise.decade_db:.3g} dB; {int(self.count.sum())} rows in "
+            f"{self.count.size} bins, misfit {self.misfit:.2g})"
+        )
+
 
 def fit_doppler_noise(
     cn0: ArrayLike,

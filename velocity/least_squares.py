@@ -81,6 +81,15 @@ class DopplerVelocity:
     chi2: float = np.nan
     variance_factor: float = np.nan
 
+    def __repr__(self) -> str:
+        if not self.ok:
+            return f"DopplerVelocity(t = {self.time:.3f} s, {self.status})"
+        speed, sigma = np.linalg.norm(self.vel_e), np.sqrt(np.trace(self.cov_e))
+        return (
+            f"DopplerVelocity(t = {self.time:.3f} s, {speed:.2f} m/s ± {sigma:.2f} in space, "
+            f"{len(self.satellites)} satellites, {len(self.rejected)} rejected)"
+        )
+
     @property
     def ok(self) -> bool:
         """True if there is a velocity."""

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from ..datasets.sequence import Sequence
 from ..filters.errors import DataError
 from ..filters.rotation import FloatArray, matrix_from_rpy
-from .study.samples import interpolated, rate_eb_b, reference_attitude
 
 #: Seconds of straight driving averaged into one independent value: attitude errors of a
 #: reference and lane changes last for seconds.
@@ -143,6 +142,8 @@ def sequence_mounting(
     min_speed, max_yaw_rate : float
         As for `calibrate_mounting`.
     """
+    from .study.samples import interpolated, rate_eb_b, reference_attitude  # slow to import
+
     reference = sequence.reference
     if reference is None or reference.attitude_frame != "b":
         raise DataError(f"{sequence.name}: no reference of the IMU's attitude: mounting unknown")

@@ -48,6 +48,9 @@ class LineOfSight(NamedTuple):
     sat_pos_e: FloatArray
     sat_vel_i: FloatArray
 
+    def __repr__(self) -> str:
+        return f"LineOfSight({np.size(self.range)} satellites)"
+
 
 @dataclass(frozen=True)
 class DopplerNoise:
@@ -117,8 +120,20 @@ class DopplerRows:
     z: FloatArray
     sigma: FloatArray
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "row", np.asarray(self.row, dtype=np.int64))
+        object.__setattr__(self, "sat", np.asarray(self.sat, dtype=np.str_))
+        for name in ("e_e", "z", "sigma"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+
     def __len__(self) -> int:
         return self.z.size
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return "DopplerRows(0 rows)"
+        low, high = self.sigma.min(), self.sigma.max()
+        return f"DopplerRows({len(self)} rows, sigma {low:.3g}…{high:.3g} m/s)"
 
     def take(self, rows: slice | NDArray) -> DopplerRows:
         """Return the given rows (a slice, a mask or indices)."""

@@ -39,6 +39,16 @@ class ForwardMotion:
     att_cov_e: FloatArray
     sigma_cross: float = 0.0
 
+    def __post_init__(self) -> None:
+        for name in ("u_e", "swing_e", "att_cov_e"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+
+    def __repr__(self) -> str:
+        cross = f"sigma_cross {self.sigma_cross:g} m/s"
+        if self.u_e.ndim == 1:
+            return f"ForwardMotion(one epoch, {cross})"
+        return f"ForwardMotion({self.u_e.size // 3} epochs, {cross})"
+
     def take(self, rows: int | slice | NDArray) -> ForwardMotion:
         """Return the given epochs (a mask, indices, or one index)."""
         cov = self.att_cov_e if self.att_cov_e.ndim == 2 else self.att_cov_e[rows]

@@ -74,13 +74,13 @@ class ReceiverClock:
         second = np.arange(-2.0, duration + 3.0)
         return cls(start, CubicSpline(second, np.zeros(second.size)))
 
-    def bias(self, time: FloatArray, offset: float = 0.0) -> FloatArray:
+    def bias(self, time: ArrayLike, offset: float = 0.0) -> FloatArray:
         """Return the offset [s] at receiver times, shape (n,)."""
-        return np.asarray(self.spline((time - self.start) + offset))
+        return np.asarray(self.spline((np.asarray(time, dtype=float) - self.start) + offset))
 
-    def drift(self, time: FloatArray) -> FloatArray:
+    def drift(self, time: ArrayLike) -> FloatArray:
         """Return the rate of the offset [s/s] at receiver times, shape (n,)."""
-        return np.asarray(self.spline(time - self.start, 1))
+        return np.asarray(self.spline(np.asarray(time, dtype=float) - self.start, 1))
 
 
 @dataclass(frozen=True, eq=False)

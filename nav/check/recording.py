@@ -53,6 +53,11 @@ _CONSEQUENCES = (
         )
     ),
 )
+#: What has to be in order before the mounting can be measured.
+_NEEDED_BY_MOUNTING = (
+    *("reading", "IMU", "IMU sampling", "gyro", "gravity", "accelerometer axes"),
+    *("time, IMU and GNSS", "GNSS", "GNSS velocity", "Doppler"),
+)
 
 
 def check(path: str | Path, options: Mapping[str, Any] | None = None) -> Report:
@@ -71,6 +76,7 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None) -> Report:
         What cannot be read is a fatal finding, not an exception.
     """
     from ...datasets.loading import load
+    from .mounting import mounting_findings  # slow to import, and a run does without
 
     try:
         # Units and axes a reader would refuse are judged here, with everything else beside them.
@@ -81,6 +87,8 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None) -> Report:
     found = check_sequence(sequence)
     if not any(f.severity == "fatal" for f in found):
         found += [refusal(error) for error in refused]
+    if not any(f.severity != "note" and f.subject in _NEEDED_BY_MOUNTING for f in found):
+        found += mounting_findings(sequence)
     return Report(str(path), contents(sequence), in_order(found))
 
 

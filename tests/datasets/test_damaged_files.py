@@ -19,7 +19,7 @@ from certnav.datasets.text.tables import read_lines, read_table, sampling_note
 from certnav.datasets.text.toml_files import parse_toml
 from certnav.filters.errors import DataError, NavError
 from oracles.readers import READ
-from oracles.seeds import SHARED, make_seeds
+from oracles.seeds import SHARED, make_seeds, seed_drive
 
 
 @pytest.fixture(scope="module")
@@ -142,11 +142,77 @@ def test_damage_is_one_line(seeds, tmp_path, target, name, change, message):
     assert len(str(caught.value)) < 700
 
 
-@pytest.mark.parametrize("target", ["great", "own_data", "rinex_2", "packed", "declare", "ubx"])
-def test_the_sound_recordings_are_read(seeds, target):
-    """Without which the cases above would show nothing."""
+@pytest.fixture(scope="module")
+def truth():
+    """The drive that the sound recordings were written from."""
+    return seed_drive()
+
+
+def same_imu(imu, truth):
+    np.testing.assert_allclose(imu.time, truth.simulation.imu.time, atol=1e-5)
+    np.testing.assert_allclose(imu.gyro_b, truth.gyro, atol=1e-6)
+    np.testing.assert_allclose(imu.accel_b, truth.accel, atol=1e-5)
+
+
+def same_fixes(fixes, truth, tolerance):
+    k = np.searchsorted(truth.fixes.time, fixes.time - 1e-3)
+    np.testing.assert_allclose(truth.fixes.time[k], fixes.time, atol=1e-3)
+    assert np.linalg.norm(fixes.pos_e - truth.fixes.pos_e[k], axis=1).max() < tolerance
+    assert len(fixes) == len(truth.fixes)
+
+
+def same_observations(observations, truth, epochs):
+    whole = truth.simulation.observations
+    expected = whole.take(whole.time < np.unique(whole.time)[epochs] if epochs else slice(None))
+    order, wanted = (np.lexsort((o.sat, o.time)) for o in (observations, expected))
+    np.testing.assert_array_equal(observations.sat[order], expected.sat[wanted])
+    np.testing.assert_allclose(
+        observations.pseudorange[order], expected.pseudorange[wanted], atol=1e-3
+    )
+    np.testing.assert_allclose(
+        observations.range_rate[order], expected.range_rate[wanted], atol=1e-3
+    )
+
+
+# The damage above would show nothing if the sound recordings were not read, and read as they are.
+
+
+def test_a_sound_folder_is_read_as_it_was_driven(seeds, truth):
+    found = READ["great"](seeds[0] / "great")
+    same_imu(found.imu, truth)
+    same_observations(found.observations, truth, None)
+    at = truth.simulation.trajectory.reference(found.reference.time)
+    np.testing.assert_allclose(found.reference.pos_e, at.pos_e, atol=1e-3)
+
+
+def test_a_sound_declaration_is_read_as_it_was_driven(seeds, truth):
+    found = READ["own_data"](seeds[0] / "own_data")
+    same_imu(found.imu, truth)
+    same_fixes(found.fixes, truth, 0.01)
+    np.testing.assert_allclose(
+        found.odometer.speed, np.linalg.norm(truth.fixes.vel_e, axis=1), atol=1e-5
+    )
+    np.testing.assert_allclose(found.reference.rpy, truth.fixes.rpy, atol=1e-6)
+
+
+def test_sound_rinex_is_read_whatever_it_is_packed_in(seeds, truth):
     root, _ = seeds
-    READ[target](root / SHARED.get(target, target))
+    same_observations(READ["rinex_2"](root / "rinex_2"), truth, 6)
+    packed = READ["packed"](root / "packed")
+    assert len(packed) == 3  # gzip, Hatanaka, and both of Hatanaka and compress
+    for observations in packed:
+        same_observations(observations, truth, 6)
+
+
+def test_sound_messages_and_drafts_are_read(seeds, truth):
+    root, targets = seeds
+    fixes, notes = READ["ubx"](root / "ubx")
+    same_fixes(fixes, truth, 0.02)
+    assert not [note for note in notes if "damaged" in note]
+    draft = READ["declare"](root / SHARED["declare"])
+    text = draft if isinstance(draft, str) else draft.text
+    for name in targets["declare"].kinds:
+        assert f'file = "{name}"' in text
 
 
 def test_a_ubx_message_with_an_impossible_date(seeds, tmp_path):
@@ -353,12 +419,17 @@ def test_blank_lines_hide_no_columns(seeds, tmp_path, change, message):
 
 
 def test_an_epoch_without_satellites_does_not_stop_the_reader(tmp_path):
-    """RINEX 2: no satellites need no continuation line, not minus one."""
+    """RINEX 2: no satellites need no continuation line, not minus one; what follows is tested."""
     header = (
         "     2.11           OBSERVATION DATA    G (GPS)             RINEX VERSION / TYPE\n"
         "     1    L1                                                # / TYPES OF OBSERV \n"
         + " " * 60 + "END OF HEADER\n"
     )  # fmt: skip
     file = tmp_path / "rover.20o"
-    file.write_text(header + " 20 10 27  2 10  1.0000000  0  0\n" * 2)
-    check_observations(file)
+    empty = " 20 10 27  2 10  1.0000000  0  0\n" * 2
+    file.write_text(header + empty + " 20 10 27  2 10  2.0000000  0  1G01\n 114221234.123\n")
+    assert check_observations(file) is None
+    file.write_text(header + empty + " 20 10 27  2 10  2.0000000  0  1G01\n")
+    with pytest.raises(DataError, match="announces") as caught:
+        check_observations(file)
+    assert caught.value.line == 6

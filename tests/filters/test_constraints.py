@@ -1,37 +1,16 @@
 """Vehicle constraints: Jacobians by central differences, and truth on a simulated drive."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from certnav.filters import constraints
 from certnav.filters.error_model import GYRO_BIAS
-from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy
+from certnav.filters.rotation import matrix_from_rpy
+from oracles.derivatives import central_differences, moved
 
 OMEGA = np.array([0.02, -0.05, 0.35])
 LEVER = np.array([-1.2, 0.1, 0.7])
 C_BV = matrix_from_rpy(np.radians([2.0, -3.0, 5.0]))
-
-
-def moved(state, x):
-    return dataclasses.replace(
-        state,
-        pos_e=state.pos_e + x[0:3],
-        vel_e=state.vel_e + x[3:6],
-        C_eb=state.C_eb @ matrix_from_rotvec(x[6:9]),
-    )
-
-
-def numeric(predict, states):
-    """Central differences of a prediction with respect to the error state."""
-    steps = np.concatenate([np.repeat([10.0, 1.0, 1e-4, 1e-3, 1.0], 3), np.full(states - 15, 1e-3)])
-    return np.column_stack(
-        [
-            (predict(s * e) - predict(-s * e)) / (2 * s)
-            for s, e in zip(steps, np.eye(states), strict=True)
-        ]
-    )
 
 
 def test_vehicle_velocity_jacobians(moving_state):
@@ -40,13 +19,13 @@ def test_vehicle_velocity_jacobians(moving_state):
         return constraints.vehicle_velocity(state, OMEGA - x[9:12], C_BV, LEVER)
 
     nhc = constraints.non_holonomic(moving_state, 15, OMEGA, C_BV, LEVER, (0.1, 0.2))
-    np.testing.assert_allclose(nhc.H, numeric(velocity, 15)[1:], atol=1e-6)
+    np.testing.assert_allclose(nhc.H, central_differences(velocity, 15)[1:], atol=1e-6)
     np.testing.assert_allclose(nhc.z, -velocity(np.zeros(15))[1:])
     np.testing.assert_allclose(nhc.R, np.diag([0.01, 0.04]))
 
     scale = 0.013
     odo = constraints.odometer(moving_state, 16, OMEGA, C_BV, LEVER, 14.0, 0.05, scale)
-    expected = numeric(lambda x: (1 + scale + x[15]) * velocity(x)[:1], 16)
+    expected = central_differences(lambda x: (1 + scale + x[15]) * velocity(x)[:1], 16)
     np.testing.assert_allclose(odo.H, expected, atol=1e-6)
     np.testing.assert_allclose(odo.z, 14.0 - (1 + scale) * velocity(np.zeros(16))[0])
 
@@ -54,7 +33,7 @@ def test_vehicle_velocity_jacobians(moving_state):
 def test_standstill_jacobians(moving_state):
     zupt = constraints.zero_velocity(moving_state, 15, 0.02)
     np.testing.assert_allclose(
-        zupt.H, numeric(lambda x: moved(moving_state, x).vel_e, 15), atol=1e-9
+        zupt.H, central_differences(lambda x: moved(moving_state, x).vel_e, 15), atol=1e-9
     )
 
     bias = np.array([1e-3, -2e-3, 5e-4])
@@ -65,7 +44,7 @@ def test_standstill_jacobians(moving_state):
         return bias + x[GYRO_BIAS] + moved(moving_state, x).C_eb.T @ OMEGA_IE_E
 
     zaru = constraints.zero_rate(moving_state, 15, OMEGA, bias, 1e-4)
-    np.testing.assert_allclose(zaru.H, numeric(rate, 15), atol=1e-9)
+    np.testing.assert_allclose(zaru.H, central_differences(rate, 15), atol=1e-9)
     np.testing.assert_allclose(zaru.z, OMEGA - rate(np.zeros(15)))
 
 

@@ -206,6 +206,113 @@ def test_rows_hold_the_updated_state_and_the_requested_rate(city_drive):
     assert kalman.rows[0, 0] == start
 
 
+# --- what becomes of an update ---------------------------------------------------------------
+
+
+def standing(model, P):
+    """A filter that stands on the equator, with a second of samples."""
+    stream = InertialStream(np.arange(1.0, 9.0), np.zeros((8, 3)), np.zeros((8, 3)))
+    state = NavState(1.0, np.array([6378137.0, 0.0, 0.0]), np.zeros(3), np.eye(3))
+    return ErrorStateFilter(model, stream, state, P)
+
+
+def test_every_state_is_fed_back_where_it_belongs():
+    """A measurement of one error state alone moves that quantity by as much, and no other."""
+    model = ErrorModel(
+        imu_preset("adis16470"), 21, odometer=True, clock_walk=0.1, fix_correlation=10.0
+    )
+    assert model.size == 26
+    quantities = {
+        "pos_e": range(3), "vel_e": range(3, 6), "bias": range(9, 21),
+        "clock_drift": [21], "fix_bias": range(22, 25), "odometer_scale": [25],
+    }  # fmt: skip
+
+    def read(kalman):
+        parts = {name: getattr(kalman, name) for name in ("pos_e", "vel_e", "bias")}
+        parts |= {name: getattr(kalman.gnss, name) for name in ("clock_drift", "fix_bias")}
+        parts["odometer_scale"] = kalman.odometer_scale
+        return {name: np.atleast_1d(np.array(value)) for name, value in parts.items()}
+
+    for k in range(26):
+        kalman = standing(model, np.eye(26))
+        before, attitude = read(kalman), kalman.C_eb.copy()
+        H = np.eye(26)[k : k + 1]
+        kalman.update(measurements.Measurement(np.array([1e-3]), H, np.array([[1e-12]])))
+        for name, states in quantities.items():
+            expected = [1e-3 if j == k else 0.0 for j in states]
+            np.testing.assert_allclose(
+                read(kalman)[name] - before[name], expected, atol=2e-9, err_msg=f"{k} {name}"
+            )
+        turn = 1e-3 * np.eye(26)[k, 6:9]
+        np.testing.assert_allclose(
+            kalman.C_eb, attitude @ matrix_from_rotvec(turn), atol=1e-9, err_msg=str(k)
+        )
+
+
+def position_off_by(kalman, metres, sigma=1.0):
+    """A position that many metres east of where the filter is."""
+    pos_e = kalman.pos_e + np.array([0.0, metres, 0.0])
+    return measurements.position(kalman.state, 15, pos_e, np.eye(3) * sigma**2, np.zeros(3))
+
+
+def test_enlarging_stops_where_the_innovation_is_what_is_expected_of_it():
+    """In steps of a fifth, all of P alike, so that correlations stay."""
+    P = 0.01 * (np.eye(15) + 0.3)
+    kalman = standing(ErrorModel(imu_preset("adis16470")), P)
+    m = position_off_by(kalman, 0.4, sigma=0.05)
+    factor = kalman.enlarge(m)
+    np.testing.assert_allclose(kalman.P, factor * P, rtol=1e-12)
+
+    def nis(f):
+        return m.z @ np.linalg.solve(f * m.H @ P @ m.H.T + m.R, m.z)
+
+    assert 1.2 < factor < 10.0
+    assert nis(factor) <= 3.0 < nis(factor / 1.2)
+
+
+def test_enlarging_has_its_limits():
+    P = 0.01 * np.eye(15)
+    model = ErrorModel(imu_preset("adis16470"))
+    kalman = standing(model, P)
+    assert kalman.enlarge(position_off_by(kalman, 1e4)) == 10.0  # of one run of bad ones
+    kalman = standing(model, P)
+    assert kalman.enlarge(position_off_by(kalman, 1e4), limit=3.0) == 3.0
+    # A kilometre, 30 m/s or a radian is lost, and then there is nothing more to enlarge.
+    for lost in ([500.0, 0.1, 0.01], [1.0, 15.0, 0.01], [1.0, 0.1, 0.5]):
+        sigma = np.concatenate([np.repeat(lost, 3), np.full(6, 1e-4)])
+        kalman = standing(model, np.diag(sigma**2))
+        assert kalman.enlarge(position_off_by(kalman, 1e6)) == pytest.approx(4.0)
+        assert kalman.enlarge(position_off_by(kalman, 1e6)) == 1.0
+    calm = standing(model, P)
+    assert calm.enlarge(position_off_by(calm, 0.1)) == 1.0
+    np.testing.assert_array_equal(calm.P, P)
+
+
+def test_doubting_stops_where_the_innovation_is_what_is_expected_of_it():
+    """What H sees grows by the factor, what is correlated with it along, and nothing else."""
+    P = np.eye(15) + 0.3
+    kalman = standing(ErrorModel(imu_preset("adis16470")), P)
+    m = position_off_by(kalman, 60.0)
+    factor = kalman.doubt(m)
+    seen = m.H @ P @ m.H.T
+
+    def nis(f):
+        return m.z @ np.linalg.solve(f * seen + m.R, m.z)
+
+    assert nis(factor) <= 3.0 < nis(factor / 1.2) and factor > 10.0
+    np.testing.assert_allclose(m.H @ kalman.P @ m.H.T, factor * seen, rtol=1e-9)
+    # Of what H does not see, given what it sees, nothing has changed.
+    rest = np.arange(3, 15)
+
+    def given(P):
+        across = P[np.ix_(rest, range(3))]
+        return P[np.ix_(rest, rest)] - across @ np.linalg.solve(P[:3, :3], across.T)
+
+    np.testing.assert_allclose(given(kalman.P), given(P), atol=1e-9)
+    assert kalman.doubt(position_off_by(kalman, 1e6), limit=50.0) == 50.0
+    assert kalman.doubt(position_off_by(kalman, 0.01)) == 1.0
+
+
 def test_impossible_calls_are_refused(city_drive):
     model = ErrorModel(imu_preset("adis16470"))
     stream = InertialStream(np.arange(1.0, 9.0), np.zeros((8, 3)), np.zeros((8, 3)))

@@ -133,3 +133,31 @@ def test_random_walk_bias_grows_as_the_in_run_bias_begins_to():
     assert walk.noise()[4] == 0.0 < markov.noise()[4]
     phi = walk.transition_matrix(np.array([6378137.0, 0, 0]), np.eye(3), OMEGA, FORCE, 100.0)
     np.testing.assert_array_equal(phi[GYRO_BIAS, GYRO_BIAS], np.eye(3))
+
+
+def test_scale_factors_of_sensors_and_odometer_begin_as_unknown_as_they_are():
+    """Parts per million of the data sheet; two per cent of tyre wear and pressure."""
+    spec = imu_preset("adis16470")
+    model = ErrorModel(spec, 21, odometer=True)
+    P = model.initial_covariance(np.eye(3), np.eye(3), np.eye(3))
+    assert P.shape == (22, 22) and P[21, 21] == 0.02**2
+    np.testing.assert_allclose(np.sqrt(np.diag(P)[15:18]), 3000e-6)
+    np.testing.assert_allclose(np.sqrt(np.diag(P)[18:21]), 3000e-6)
+    gyro = np.hypot(spec.gyro_bias_initial_sigma, spec.gyro_bias_sigma)
+    accel = np.hypot(spec.accel_bias_initial_sigma, spec.accel_bias_sigma)
+    np.testing.assert_allclose(np.sqrt(np.diag(P)[9:15]), np.repeat([gyro, accel], 3))
+    assert np.count_nonzero(P - np.diag(np.diag(P))) == 0
+
+
+def test_the_transition_is_that_of_the_model_it_is_asked_of(moving_state):
+    """States beyond the IMU's stay; each bias decays by its own share of time."""
+    spec = imu_preset("adis16470")
+    model = ErrorModel(spec, 21, "gauss-markov", odometer=True, clock_walk=0.1, fix_correlation=9.0)
+    dt = 5.0
+    phi = model.transition_matrix(moving_state.pos_e, moving_state.C_eb, OMEGA, FORCE, dt)
+    assert phi.shape == (26, 26)
+    np.testing.assert_allclose(np.diag(phi)[9:15], np.exp(-dt / spec.bias_correlation_time_s))
+    np.testing.assert_array_equal(np.diag(phi)[15:], 1.0)
+    below = phi[9:].copy()
+    below[np.arange(17), np.arange(9, 26)] = 0.0
+    assert not below.any()

@@ -6,20 +6,10 @@ import numpy as np
 import pytest
 
 from certnav.filters import measurements
-from certnav.filters.rotation import matrix_from_rotvec
+from oracles.derivatives import central_differences, moved
 
 LEVER = np.array([-0.65, -0.05, -0.15])
 OMEGA = np.array([0.02, -0.05, 0.35])
-
-
-def moved(state, x):
-    """The state as it would be if the error vector x were added to it."""
-    return dataclasses.replace(
-        state,
-        pos_e=state.pos_e + x[0:3],
-        vel_e=state.vel_e + x[3:6],
-        C_eb=state.C_eb @ matrix_from_rotvec(x[6:9]),
-    )
 
 
 def predict(kind, state, x):
@@ -36,13 +26,7 @@ def test_jacobian_against_central_differences(moving_state, kind):
         m = measurements.position(moving_state, 15, measured, np.eye(3), LEVER)
     else:
         m = measurements.velocity(moving_state, 15, measured, np.eye(3), LEVER, OMEGA)
-    steps = np.repeat([10.0, 1.0, 1e-3, 1e-3, 1.0], 3)
-    numeric = np.column_stack(
-        [
-            (predict(kind, moving_state, s * e) - predict(kind, moving_state, -s * e)) / (2 * s)
-            for s, e in zip(steps, np.eye(15), strict=True)
-        ]
-    )
+    numeric = central_differences(lambda x: predict(kind, moving_state, x), 15)
     np.testing.assert_allclose(m.H, numeric, atol=2e-7)
     np.testing.assert_allclose(m.z, measured - predict(kind, moving_state, np.zeros(15)))
 
@@ -74,14 +58,7 @@ def test_range_rate_rows_are_blind_to_the_clock_and_right_in_slope(moving_state,
         z = e @ predict("velocity", moving_state, x) - 12.0
         return measurements.range_rates(moving_state, 15, e, z, sigma, LEVER, OMEGA).z
 
-    steps = np.repeat([10.0, 1.0, 1e-3, 1e-3, 1.0], 3)
-    numeric = np.column_stack(
-        [
-            (innovation(s * x) - innovation(-s * x)) / (2 * s)
-            for s, x in zip(steps, np.eye(15), strict=True)
-        ]
-    )
-    np.testing.assert_allclose(m.H, numeric, atol=1e-5)
+    np.testing.assert_allclose(m.H, central_differences(innovation, 15), atol=1e-5)
 
 
 def test_range_rates_of_two_satellites_are_their_difference(moving_state):

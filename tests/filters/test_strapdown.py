@@ -146,3 +146,80 @@ def test_bad_states_and_times_are_refused():
         integrate(stream, dataclasses.replace(state, time=-5.0))
     with pytest.raises(DataError, match="not inside the IMU data"):
         integrate(stream, state, until=9.0)
+
+
+# --- the samples -----------------------------------------------------------------------------
+
+
+def samples(n=5, dt=0.01, start=100.0):
+    rng = np.random.default_rng(3)
+    time = start + dt * np.arange(1, n + 1)
+    return time, rng.standard_normal((n, 3)), rng.standard_normal((n, 3))
+
+
+def test_a_stream_begins_an_interval_before_its_first_sample():
+    time, gyro, accel = samples()
+    stream = InertialStream(time, gyro, accel)
+    assert stream.start == pytest.approx(100.0, abs=1e-9) and stream.end == time[-1]
+    assert len(stream) == 5 and stream.interval == pytest.approx(0.01)
+    np.testing.assert_allclose(stream.edges, [100.0, *time], atol=1e-9)
+
+
+def test_a_sample_holds_its_interval_from_the_beginning_on():
+    time, gyro, accel = samples()
+    stream = InertialStream(time, gyro, accel)
+    assert [stream.index(100.0 + s) for s in (0.0, 0.004, 0.0099)] == [0, 0, 0]
+    assert [stream.index(t) for t in time] == [1, 2, 3, 4, 5]
+    assert stream.index(50.0) == 0 and stream.index(200.0) == 5
+    assert stream.index(time[1] - 1e-10) == 2  # rounding is no time
+
+
+def test_edges_may_be_given_and_leave_gaps_nothing_to_guess():
+    time, gyro, accel = samples()
+    edges = [99.97, *time]
+    stream = InertialStream.of_edges(edges, gyro.tolist(), accel.tolist())
+    np.testing.assert_array_equal(stream.edges, edges)
+    np.testing.assert_array_equal(stream.gyro, gyro)
+    np.testing.assert_array_equal(stream.accel, accel)
+    assert stream.start == 99.97 and len(stream) == 5
+    assert stream.interval == pytest.approx(0.01)
+
+
+def test_a_live_stream_becomes_the_recorded_one():
+    """Sample by sample, beyond the room it was made with; nothing is in it before."""
+    time, gyro, accel = samples(2500)
+    live = InertialStream.live(0.01)
+    assert len(live) == 0 and live.gyro.shape == live.accel.shape == (0, 3)
+    for sample in zip(time, gyro, accel, strict=True):
+        live.append(*sample)
+    recorded = InertialStream(time, gyro, accel)
+    np.testing.assert_allclose(live.edges, recorded.edges, rtol=0.0, atol=1e-9)
+    np.testing.assert_array_equal(live.gyro, gyro)
+    np.testing.assert_array_equal(live.accel, accel)
+    assert len(live) == 2500 and live.end == time[-1] and live.interval == 0.01
+
+
+def test_a_live_stream_refuses_what_a_recording_would_be_refused_for():
+    live = InertialStream.live(0.01)
+    live.append(100.0, [0, 0, 0], [0, 0, -9.8])
+    for time in (100.0, 99.0):
+        with pytest.raises(DataError, match="goes backwards"):
+            live.append(time, [0, 0, 0], [0, 0, -9.8])
+    with pytest.raises(DataError, match="six finite values"):
+        live.append(100.01, [0, np.nan, 0], [0, 0, -9.8])
+    with pytest.raises(DataError, match="six finite values"):
+        live.append(100.01, [0, 0], [0, 0, -9.8])
+    assert len(live) == 1 and live.end == 100.0
+    np.testing.assert_array_equal(live.edges, [99.99, 100.0])
+
+
+def test_free_inertial_rows_are_one_a_sample_and_end_where_told(city_drive):
+    stream, state = exact_stream(city_drive, 100.0, 2.0)
+    rows = integrate(stream, state)
+    np.testing.assert_array_equal(rows[:, 0], stream.edges[1:])
+    assert rows.shape == (200, 16)
+    half = integrate(stream, state, state.time + 1.0)
+    assert half.shape == (100, 16)
+    np.testing.assert_array_equal(half, rows[:100])
+    late = NavState(stream.edges[50], rows[49, 1:4], rows[49, 4:7], rows[49, 7:].reshape(3, 3))
+    assert integrate(stream, late).shape == (150, 16)

@@ -6,25 +6,25 @@ import importlib
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from .drives import WEEK
 
 
-def _load(format: str | None = None, **options: object) -> Callable[[Path], None]:
-    def run(folder: Path) -> None:
+def _load(format: str | None = None, **options: object) -> Callable[[Path], Any]:
+    def run(folder: Path) -> Any:
         from certnav.datasets.loading import load
 
-        load(folder, format=format, **options)
+        return load(folder, format=format, **options)
 
     return run
 
 
-def _file(module: str, function: str, name: str, **options: object) -> Callable[[Path], None]:
-    def run(folder: Path) -> None:
-
-        getattr(importlib.import_module(module), function)(folder / name, **options)
+def _file(module: str, function: str, name: str, **options: object) -> Callable[[Path], Any]:
+    def run(folder: Path) -> Any:
+        return getattr(importlib.import_module(module), function)(folder / name, **options)
 
     return run
 
@@ -35,20 +35,22 @@ def read_great_import(folder: Path) -> None:
     import_archives([folder / "campus-01.zip"], folder / "imported")
 
 
-def _packed(folder: Path) -> None:
+def _packed(folder: Path) -> list[Any]:
     """Read the one packed file that is there: the case keeps no other."""
     from certnav.datasets.rtklib import read_observations
     from certnav.datasets.text.rinex_packing import plain_rinex
 
-    for file in sorted(folder.iterdir()):
-        if file.name != "brdc.nav" and (file.is_dir() or not file.is_symlink()):
-            read_observations(plain_rinex(file), [folder / "brdc.nav"])
+    return [
+        read_observations(plain_rinex(file), [folder / "brdc.nav"])
+        for file in sorted(folder.iterdir())
+        if file.name != "brdc.nav" and (file.is_dir() or not file.is_symlink())
+    ]
 
 
-def _rinex(folder: Path) -> None:
+def _rinex(folder: Path) -> Any:
     from certnav.datasets.rtklib import read_observations
 
-    read_observations(folder / "rover.obs", [folder / "brdc.nav"], signals="all")
+    return read_observations(folder / "rover.obs", [folder / "brdc.nav"], signals="all")
 
 
 def _relative(folder: Path) -> None:
@@ -76,15 +78,14 @@ def _config(folder: Path) -> None:
     to_toml(load_config(folder / "config.toml"))
 
 
-def _draft(folder: Path) -> None:
+def _draft(folder: Path) -> Any:
     from certnav.datasets.own.declare import draft_declaration
 
     names = ("imu.csv", "gnss.csv", "odometer.csv", "ref.csv.gz")
-    draft_declaration([folder / name for name in names])
+    return draft_declaration([folder / name for name in names])
 
 
 def _check(folder: Path) -> None:
-
     from certnav.nav.check.recording import check
 
     report = check(folder)
@@ -92,8 +93,8 @@ def _check(folder: Path) -> None:
     json.dumps(report.as_dict(), allow_nan=False)
 
 
-#: How each target reads its folder.
-READ: dict[str, Callable[[Path], None]] = {
+#: How each target reads its folder; what is read is returned where a test looks at it.
+READ: dict[str, Callable[[Path], Any]] = {
     "great": _load(),
     "imu_text": _file(
         "certnav.datasets.text.imu", "read_imu_text", "imu.txt", week=WEEK, gyro_unit="deg/s"

@@ -66,9 +66,14 @@ class Target:
     weight: int
 
 
+def seed_drive() -> Drive:
+    """Return the drive that all seeds hold."""
+    return Drive.of(duration=12.0, imu_rate=25.0)
+
+
 def make_seeds(root: Path, data: Path | None) -> list[Target]:
     """Write the seeds below `root` and return the targets."""
-    d = Drive.of(duration=12.0, imu_rate=25.0)
+    d = seed_drive()
     great = root / "great"
     write_great(d.simulation, great)
     (great / "IMU/Tactical_imu_data.txt").unlink()

@@ -63,6 +63,9 @@ class Pairs:
     def __len__(self) -> int:
         return self.k.size
 
+    def __repr__(self) -> str:
+        return f"Pairs({len(self)} pairs, {self.counts.size} epochs)"
+
 
 @dataclass(frozen=True, eq=False)
 class EpochSpeeds:
@@ -82,6 +85,10 @@ class EpochSpeeds:
     clock_drift: FloatArray
     sigma: FloatArray
     k: FloatArray
+
+    def __repr__(self) -> str:
+        known = int(np.isfinite(self.speed).sum())
+        return f"EpochSpeeds({self.speed.size} epochs, {known} with a speed)"
 
 
 def pair_indices(counts: ArrayLike) -> tuple[IntArray, IntArray, IntArray]:
@@ -106,18 +113,19 @@ def pair_indices(counts: ArrayLike) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def projected(
-    rows: DopplerRows, epoch: IntArray, motion: ForwardMotion
+    rows: DopplerRows, epoch: ArrayLike, motion: ForwardMotion
 ) -> tuple[FloatArray, FloatArray]:
     """Return h and y of ``y = h·s − cδṫ_r``, shape (n,) each.
 
     Parameters
     ----------
     rows : DopplerRows
-    epoch : ndarray of int, shape (n,)
+    epoch : array_like of int, shape (n,)
         Entry of `motion` that belongs to each row.
     motion : ForwardMotion
         One entry per epoch.
     """
+    epoch = np.asarray(epoch, dtype=np.int64)
     h = np.einsum("ij,ij->i", rows.e_e, motion.u_e[epoch])
     return h, rows.z - np.einsum("ij,ij->i", rows.e_e, motion.swing_e[epoch])
 
@@ -149,10 +157,10 @@ def epoch_speeds(
 
 def all_pairs(
     rows: DopplerRows,
-    epoch: IntArray,
+    epoch: ArrayLike,
     motion: ForwardMotion,
-    cn0: FloatArray,
-    elevation: FloatArray,
+    cn0: ArrayLike,
+    elevation: ArrayLike,
 ) -> Pairs:
     """Return every pair of satellites observed together.
 
@@ -160,13 +168,15 @@ def all_pairs(
     ----------
     rows : DopplerRows
         Sorted by epoch, one signal per satellite.
-    epoch : ndarray of int, shape (n,)
+    epoch : array_like of int, shape (n,)
         Number of each row's epoch, ascending; epochs are numbered as in `motion`.
     motion : ForwardMotion
         One entry per epoch.
-    cn0, elevation : ndarray, shape (n,)
+    cn0, elevation : array_like, shape (n,)
         Of each row [dB-Hz], [rad]; NaN where unknown.
     """
+    epoch = np.asarray(epoch, dtype=np.int64)
+    cn0, elevation = np.asarray(cn0, dtype=float), np.asarray(elevation, dtype=float)
     epochs = motion.u_e.shape[0]
     counts = np.bincount(epoch, minlength=epochs)
     number, a, b = pair_indices(counts)
@@ -199,22 +209,23 @@ def all_pairs(
 
 
 def velocity_errors(
-    speed: FloatArray, epoch: IntArray, motion: ForwardMotion, ref_vel_e: FloatArray
+    speed: ArrayLike, epoch: ArrayLike, motion: ForwardMotion, ref_vel_e: ArrayLike
 ) -> FloatArray:
     """Return ‖Δv‖ of eqs. (21), (22) [m/s], shape of `speed`.
 
     Parameters
     ----------
-    speed : ndarray, shape (m,)
+    speed : array_like, shape (m,)
         Forward speeds [m/s].
-    epoch : ndarray of int, shape (m,)
+    epoch : array_like of int, shape (m,)
         Their epochs.
     motion : ForwardMotion
         One entry per epoch.
-    ref_vel_e : ndarray, shape (epochs, 3)
+    ref_vel_e : array_like, shape (epochs, 3)
         True antenna velocity [m/s].
     """
-    true_e = ref_vel_e - motion.swing_e
+    speed, epoch = np.asarray(speed, dtype=float), np.asarray(epoch, dtype=np.int64)
+    true_e = np.asarray(ref_vel_e, dtype=float) - motion.swing_e
     along = np.einsum("ij,ij->i", true_e, motion.u_e)
     across = np.sum((true_e - along[:, None] * motion.u_e) ** 2, axis=1)
     return np.sqrt((speed - along[epoch]) ** 2 + across[epoch])

@@ -64,6 +64,9 @@ class Samples:
     azimuth: FloatArray
     left_out: dict[str, int]
 
+    def __repr__(self) -> str:
+        return f"Samples({self.name!r}, {len(self.rows)} rows, {self.time.size} epochs)"
+
     def between(self, start: float, end: float) -> Samples:
         """Return the epochs with ``start <= time < end`` [s]."""
         keep = (self.time >= start) & (self.time < end)

@@ -25,6 +25,9 @@ class Bins:
     count: NDArray[np.int64]
     rms: FloatArray
 
+    def __repr__(self) -> str:
+        return f"Bins({self.count.size} bins of {int(self.count.sum())} values)"
+
 
 @dataclass(frozen=True)
 class Rejection:
@@ -80,6 +83,9 @@ class HeatMap:
     count: NDArray[np.int64]
     square: FloatArray
     offered: int
+
+    def __repr__(self) -> str:
+        return f"HeatMap({self.snr.size} × {self.k.size} thresholds, {self.offered} pairs offered)"
 
     @property
     def rms(self) -> FloatArray:

@@ -51,6 +51,9 @@ class PairTable:
     def __len__(self) -> int:
         return self.k.size
 
+    def __repr__(self) -> str:
+        return f"PairTable({len(self)} pairs)"
+
     @property
     def cn0_mean(self) -> FloatArray:
         """Mean C/N0 of the pair [dB-Hz]."""

@@ -71,14 +71,25 @@ def refused(check, path):
     return caught.value
 
 
+def last_value_garbled(lines):
+    """The file with a letter in the last number, and the line it is in, counted from 1."""
+    last = max(k for k, line in enumerate(lines) if line.strip())
+    head, dot, tail = lines[last].rpartition(".")
+    return [*lines[:last], f"{head[:-1]}O{dot}{tail}", *lines[last + 1 :]], last + 1
+
+
 @pytest.mark.parametrize("lines", [OBS_3, OBS_2, [*OBS_3, "", ""]])
-def test_sound_observations_pass(write, lines):
-    check_observations(write(lines))
+def test_sound_observations_pass_and_are_read_to_the_end(write, lines):
+    assert check_observations(write(lines)) is None
+    garbled, line = last_value_garbled(lines)
+    assert refused(check_observations, write(garbled)).line == line
 
 
 @pytest.mark.parametrize("lines", [NAV_3, NAV_2])
-def test_sound_navigation_passes(write, lines):
-    check_navigation(write(lines))
+def test_sound_navigation_passes_and_is_read_to_the_end(write, lines):
+    assert check_navigation(write(lines)) is None
+    garbled, line = last_value_garbled(lines)
+    assert refused(check_navigation, write(garbled)).line == line
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,125 @@
+"""How the IMU is turned in the vehicle, where GNSS velocities and turns tell its attitude.
+
+An inertial navigation over some minutes that is told nothing of the vehicle finds the IMU's
+attitude: level from gravity, heading from turning and changes of speed. Where the vehicle then
+goes straight it goes along its own axis, and that direction in IMU axes is the mounting.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ...datasets.observations import GnssFixes
+from ...datasets.sequence import Sequence
+from ...filters.earth import C_en_of
+from ...filters.errors import NavError
+from ...filters.levers import rate_over_earth
+from ...filters.rotation import FloatArray
+from ...velocity.mounting import Mounting, calibrate_mounting
+from ..config import AlignmentConfig, Config, FilterConfig, VehicleConfig
+from ..pipeline import navigate
+from .findings import Finding
+from .motion import COURSE_SPEED, track_turning
+from .tracks import Track, tracks
+
+#: A check must take well below a second: so much of a drive is looked at [s].
+_LONGEST = 300.0
+#: Less turning than this shows no heading [rad].
+_TURNING = np.pi / 2
+#: What tracks are trusted with: positions, of which only gravity's direction is taken [m], and
+#: velocities [m/s].
+_SIGMA_POS, _SIGMA_VEL = 50.0, 0.2
+#: A mounting known worse than this is not worth a line [rad].
+_SIGMA_MOUNTING = np.radians(1.0)
+#: Nothing is assumed of the vehicle; course and level are right to what a mounting may be off.
+_CONFIG = Config(
+    alignment=AlignmentConfig("level+course", sigma_level_deg=5.0, sigma_heading_deg=15.0),
+    filter=FilterConfig(smooth=True, output_rate_hz=5.0),
+    vehicle=VehicleConfig(nhc="off", zupt=True, odometer="off"),
+)
+
+
+def mounting_findings(sequence: Sequence) -> list[Finding]:
+    """Return yaw and pitch of the IMU in the vehicle with their 1σ; nothing where unobservable.
+
+    Parameters
+    ----------
+    sequence : Sequence
+        With an IMU and GNSS whose time, units and axes are in order.
+    """
+    track = tracks(sequence).gnss
+    part = _most_turning(track) if track is not None and track.precise else None
+    if part is None:
+        return []
+    try:
+        found, sigma_attitude = _measured(sequence, part)
+    except NavError:  # no start, no straight driving: nothing to report
+        return []
+    sigma_pitch, sigma_yaw = np.hypot([found.sigma_pitch, found.sigma_yaw], sigma_attitude)
+    if max(sigma_pitch, sigma_yaw) > _SIGMA_MOUNTING:
+        return []
+    # As it is declared, the IMU seen from the vehicle; what roll does to it is of second order.
+    yaw, pitch = (-np.degrees(angle) for angle in (found.yaw, found.pitch))
+    numbers = {
+        "yaw_deg": yaw, "yaw_sigma_deg": float(np.degrees(sigma_yaw)),
+        "pitch_deg": pitch, "pitch_sigma_deg": float(np.degrees(sigma_pitch)),
+        "straight_s": found.straight_s,
+    }  # fmt: skip
+    text = (
+        f"IMU in the vehicle: yaw {yaw:+.2f} ± {numbers['yaw_sigma_deg']:.2f}°, pitch "
+        f"{pitch:+.2f} ± {numbers['pitch_sigma_deg']:.2f}° (the direction of motion over "
+        f"{found.straight_s:.0f} s of straight driving; attitude from GNSS velocities and turns)"
+    )
+    return [Finding("note", "mounting", text, numbers=numbers)]
+
+
+def _most_turning(track: Track) -> Track | None:
+    """Return the stretch of the track that turns most; None where none turns enough."""
+    known = np.isfinite(track.vel_n).all(axis=1)
+    time = track.time[known]
+    if time.size < 20:
+        return None
+    course = track.course(COURSE_SPEED)[known]
+    best, most = slice(0, 0), _TURNING
+    for begin in np.arange(time[0], max(time[-1] - _LONGEST, time[0]) + 1.0, 0.2 * _LONGEST):
+        part = slice(*np.searchsorted(time, [begin, begin + _LONGEST]))
+        turning = track_turning(course[part])
+        if turning > most:
+            best, most = part, turning
+    if best.start == best.stop:
+        return None
+    rows = np.flatnonzero(known)[best]
+    return Track(track.name, track.time[rows], track.pos_e[rows], track.vel_n[rows], track.precise)
+
+
+def _measured(sequence: Sequence, track: Track) -> tuple[Mounting, FloatArray]:
+    """Return the mounting, and 1σ of the attitude it is measured against, pitch and yaw [rad]."""
+    n = len(track)
+    fixes = GnssFixes(
+        track.time,
+        track.pos_e,
+        np.tile(_SIGMA_POS**2 * np.eye(3), (n, 1, 1)),
+        np.einsum("nij,nj->ni", C_en_of(track.pos_e), track.vel_n),
+        np.tile(_SIGMA_VEL**2 * np.eye(3), (n, 1, 1)),
+        np.full(n, -1),
+        np.full(n, track.name),
+    )
+    alone = dataclasses.replace(
+        sequence, imu=sequence.inertial.between(track.time[0] - 1.0, track.time[-1]), fixes=fixes,
+        observations=None, navigation=(), odometer=None, reference=None,
+    )  # fmt: skip
+    solution = navigate(alone, _CONFIG).trajectory
+    imu = alone.inertial
+    rate = np.column_stack([np.interp(solution.time, imu.time, axis) for axis in imu.gyro_b.T])
+    found = calibrate_mounting(
+        solution.time,
+        solution.vel_e,
+        solution.C_eb,
+        rate_over_earth(solution.C_eb, rate - solution.gyro_bias),
+        lever_b=sequence.calibration.lever_vehicle_b,
+    )
+    north, east, down = np.sqrt(np.diagonal(solution.cov_att_n, axis1=1, axis2=2)).T
+    # Errors of level and heading last: they do not average out over a drive.
+    return found, np.array([np.median(np.maximum(north, east)), np.median(down)])
