@@ -30,14 +30,16 @@ from certnav.datasets.loading import load
 from certnav.datasets.sequence import Sequence
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.errors import NavError
-from certnav.nav.compare.comparison import Comparison, SpellFigures, as_dict, compare
-from certnav.nav.compare.degradation import parse_outages
+from certnav.nav.compare.comparison import compare
 from certnav.nav.compare.methods import METHODS, parse_methods
+from certnav.nav.compare.runs import Comparison, as_dict
 from certnav.nav.config import Config, GnssConfig
 from certnav.nav.config_files import from_tables
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate
 from certnav.nav.results.summary import strict
+from certnav.nav.spells.drift import SpellFigures
+from certnav.nav.spells.outages import parse_outages
 
 LIVE = "lc4,lc+ddia,lc+rows,lc4+vehicle,lc+ddia+vehicle,lc+rows+vehicle"
 SMOOTHED = ",".join(f"{name}+smooth" for name in LIVE.split(","))

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..compare.comparison import Comparison
+    from ..compare.runs import Comparison
 
 HELP = "set methods against each other in spells of weak GNSS"
 DESCRIPTION = (
@@ -55,11 +55,11 @@ def run(arguments: argparse.Namespace) -> None:
     from ...datasets.placing import written_whole
     from ...filters.errors import ConfigError
     from ..compare.comparison import compare
-    from ..compare.degradation import parse_outages
     from ..compare.methods import parse_methods
     from ..compare.report import check_replaceable, write_page
     from ..config_files import load_config
     from ..report.run import write_report
+    from ..spells.outages import parse_outages
     from .progress import progress
 
     if arguments.seeds < 1:
@@ -83,8 +83,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 def say(comparison: Comparison, out: Path, as_json: bool) -> None:
     """Print a comparison, and where its page is."""
-    from ..compare.comparison import as_dict
     from ..compare.report import PAGE
+    from ..compare.runs import as_dict
     from ..results.summary import strict
 
     content = as_dict(comparison)

@@ -23,7 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Merge result directories into one page."""
-    from ..compare.report import check_replaceable, merge, write_page
+    from ..compare.directories import merge
+    from ..compare.report import check_replaceable, write_page
     from .compare import say
 
     out: Path = arguments.out.resolve()

@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 
 from ...filters.rotation import FloatArray
 from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION, WIDTH
-from .comparison import Comparison, Run, SpellFigures
+from ..spells.drift import SpellFigures
+from .runs import Comparison, Run
 
 #: Colour by what a method is at heart; line by what was added.
 _COLOURS = {

@@ -32,7 +32,8 @@ from ..evaluation.interpolation import covered
 from ..notes import plain
 from ..pipeline import navigate
 from ..solution import AlignmentReport, Solution, Trajectory, Update
-from .degradation import Outages, degrade
+from ..spells.degradation import degrade
+from ..spells.outages import Outages, Spell
 
 #: Below this speed the course of a GNSS velocity is no heading; the last one is held [m/s].
 _MIN_SPEED = 2.0
@@ -144,7 +145,7 @@ def _alignment_only(sequence: Sequence, config: Config, alignment: AlignmentRepo
     """Navigate with no more GNSS than alignment needs, which may look a little past its epoch."""
     nothing = Outages("alignment only")
     for after in _LOOK_AHEAD:
-        never_again = np.array([[alignment.time + after, np.inf]])
+        never_again = [Spell(alignment.time + after, np.inf)]
         try:
             return navigate(degrade(sequence, never_again, nothing), config)
         except (AlignmentError, ConfigError) as error:
@@ -158,7 +159,7 @@ def _certified_only(sequence: Sequence, config: Config) -> Solution:
         config, alignment=dataclasses.replace(config.alignment, method="certified")
     )
     passed, _ = navigate(sequence, config).alignment.attempts[-1]
-    never_again = np.array([[np.nextafter(passed, np.inf), np.inf]])
+    never_again = [Spell(float(np.nextafter(passed, np.inf)), np.inf)]
     return navigate(degrade(sequence, never_again, Outages("certified only")), config)
 
 

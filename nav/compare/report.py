@@ -1,4 +1,4 @@
-"""One page that sets methods side by side, made by a comparison or from result directories."""
+"""One page that sets methods side by side."""
 
 from __future__ import annotations
 
@@ -10,15 +10,12 @@ from typing import Any
 import numpy as np
 
 from ...datasets.placing import write_file
-from ...filters.earth import lla_to_ecef
 from ...filters.errors import DataError
-from ...filters.rotation import FloatArray
 from ..page import document
 from ..page.quantities import length, percent, quantity
-from ..results.directory import is_result, read_result
 from ..results.summary import strict
-from .comparison import SIDECAR, Comparison, Run, as_dict, figures_of, reduced, thin_track
 from .figures import drift_figure, growth_figure, track_figure
+from .runs import Comparison, as_dict, figures_of
 
 PAGE, DATA = "comparison.html", "comparison.json"
 
@@ -56,72 +53,6 @@ def write_page(comparison: Comparison, out: Path) -> Path:
     for name, content in ((DATA, text + "\n"), (PAGE, build_page(comparison))):
         write_file(out / name, content.encode())
     return out / PAGE
-
-
-def merge(directories: list[Path]) -> Comparison:
-    """Return the comparison of result directories made elsewhere.
-
-    Parameters
-    ----------
-    directories : list of Path
-        Result directories, or folders that hold some, at any depth.
-
-    A result that took part in a comparison brings its spells along; a plain run has none, is
-    called by its directory, and is compared by its errors alone.
-
-    Raises
-    ------
-    DataError
-        If there is no result directory, or one of them is damaged.
-    """
-    found: list[Path] = []
-    for directory in map(Path, directories):
-        if not directory.is_dir():
-            raise DataError("no such directory", file=directory, remedy="name result directories")
-        below = [directory, *sorted(p.parent for p in directory.rglob("summary.json"))]
-        inside = [p for p in dict.fromkeys(below) if is_result(p)]
-        if not inside:
-            raise DataError(
-                "holds no certnav result", file=directory, remedy="give what a run has written"
-            )
-        found += inside
-    reference: dict[str, FloatArray] = {}
-    runs, outages = [], []
-    for path in dict.fromkeys(p.resolve() for p in found):
-        run, spec, track = _run_from(path)
-        runs.append(run)
-        outages.append(spec)
-        if track is not None:
-            reference.setdefault(run.sequence, track)
-    order = list(dict.fromkeys(run.method for run in runs))
-    runs.sort(key=lambda run: order.index(run.method))
-    spec = ", ".join(dict.fromkeys(s for s in outages if s))
-    return Comparison(
-        tuple(runs), reference, spec, (f"merged from {len(runs)} result directories",)
-    )
-
-
-def _run_from(path: Path) -> tuple[Run, str, FloatArray | None]:
-    result = read_result(path)
-    about: dict[str, Any] = {}
-    if (path / SIDECAR).is_file():
-        try:
-            about = json.loads((path / SIDECAR).read_text(encoding="utf-8"))
-            spells = np.array(about["spells"], dtype=float).reshape(-1, 2)
-            names = about["method"], about["sequence"], about["variant"]
-        except (ValueError, KeyError, TypeError):
-            raise DataError("not as certnav writes it", file=path / SIDECAR) from None
-    else:
-        spells, names = np.zeros((0, 2)), (path.name, result.name, "")
-    evaluation = result.evaluation
-    track = None
-    if evaluation.has_reference:
-        track = thin_track(lla_to_ecef(*evaluation.ref_lla.T))
-    run = reduced(
-        *names, result.solution, evaluation, spells,
-        availability=float(about.get("availability") or 1.0),
-    )  # fmt: skip
-    return run, str(about.get("outages", "")), track
 
 
 def build_page(comparison: Comparison) -> str:

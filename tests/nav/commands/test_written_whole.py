@@ -14,7 +14,7 @@ from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.nav.commands import compare as compare_command
 from certnav.nav.compare import comparison
 from certnav.nav.compare import report as compare_report
-from certnav.nav.compare.comparison import Comparison, Run
+from certnav.nav.compare.runs import Comparison, Run
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.results import directory
 from certnav.nav.tune import report as tune_report

@@ -14,20 +14,13 @@ from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import ConfigError, DataError
 from certnav.nav.commands import compare as compare_command
-from certnav.nav.compare.comparison import (
-    SIDECAR,
-    Comparison,
-    Run,
-    as_dict,
-    compare,
-    spell_figures,
-    statistics,
-)
-from certnav.nav.compare.degradation import parse_outages
+from certnav.nav.compare.comparison import compare
+from certnav.nav.compare.directories import SIDECAR, merge
 from certnav.nav.compare.methods import METHODS, parse_methods
-from certnav.nav.compare.report import build_page, merge, write_page
+from certnav.nav.compare.report import build_page, write_page
+from certnav.nav.compare.runs import Comparison, Run, as_dict
 from certnav.nav.config import Config
-from certnav.nav.evaluation.accuracy import evaluate
+from certnav.nav.spells.outages import parse_outages
 from certnav.nav.windows.recording import summary
 
 
@@ -54,32 +47,6 @@ def comparison():
         [_drive()], parse_methods(methods + ",alignment-heading"), parse_outages("38/74:2-3"),
         Config(), seeds=2,
     )  # fmt: skip
-
-
-def test_drift_is_what_the_definition_says(drive):
-    solution, sequence = drive(noise=0.0)
-    evaluation = evaluate(solution, sequence)
-    start, end = evaluation.time[0] + 50.0, evaluation.time[0] + 80.0
-    t = np.clip(evaluation.time - start, 0.0, 30.0)
-    # 5 m north throughout, a detour of 12 m east that is over at the end
-    error = np.zeros_like(evaluation.error_pos_n)
-    error[:, 0], error[:, 1] = 5.0, 12.0 * np.sin(np.pi * t / 30.0)
-    found = spell_figures(dataclasses.replace(evaluation, error_pos_n=error), start, end)
-    assert found.drift == pytest.approx(12.0, rel=1e-3)
-    assert found.max_error == pytest.approx(13.0, rel=1e-3)
-    assert found.final_error == pytest.approx(5.0, abs=0.2)
-    np.testing.assert_allclose(found.growth, 12.0 * np.sin(np.pi * found.since / 30.0), atol=0.3)
-
-
-def test_a_spell_without_reference_epochs_is_no_spell(drive):
-    evaluation = evaluate(*drive(noise=0.0))
-    assert spell_figures(evaluation, evaluation.time[-1] + 10.0, evaluation.time[-1] + 40.0) is None
-
-
-def test_statistics_of_maxima():
-    found = statistics([3.0, 4.0, float("nan")])
-    assert found["median"] == 3.5 and found["rms_of_maxima"] == pytest.approx(np.sqrt(12.5))
-    assert statistics([]) == {"median": None, "rms_of_maxima": None, "p95": None}
 
 
 def test_everyone_has_the_same_spells(comparison):

@@ -8,7 +8,8 @@ import pytest
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import ConfigError
-from certnav.nav.compare.degradation import REASON, degrade, in_spells, parse_outages
+from certnav.nav.spells.degradation import REASON, degrade
+from certnav.nav.spells.outages import in_spells, parse_outages
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,96 @@
+"""What a spell of weak GNSS did to a solution.
+
+Drift of a spell is how far the horizontal position error has moved since the spell began, at its
+worst: max |e(t) − e(t₀)|, e the error vector north and east, t₀ the last reference epoch before the
+spell. What was wrong before the spell does not count; what grew and healed within it does. The
+largest error itself is reported beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...filters.rotation import FloatArray
+from ..evaluation.accuracy import Evaluation
+from .outages import Spell
+
+
+@dataclass(frozen=True, eq=False)
+class SpellFigures:
+    """What happened in one spell.
+
+    Parameters
+    ----------
+    start, end : float
+        GPS time [s].
+    drift : float
+        See the module [m].
+    max_error : float
+        Largest horizontal error in the spell [m].
+    final_error : float
+        Horizontal error at its last reference epoch [m].
+    velocity_error : float
+        Largest horizontal velocity error [m/s].
+    heading_drift : float
+        Change of the heading error from beginning to end [rad]; NaN where unknown.
+    nees_before, nees_end : float
+        Of position, 3 degrees of freedom, at the last epoch before the spell and the last in it.
+    since, growth : ndarray, shape (m,)
+        Seconds since the beginning, on whole seconds, and |e(t) − e(t₀)| there [m].
+    """
+
+    start: float
+    end: float
+    drift: float
+    max_error: float
+    final_error: float
+    velocity_error: float
+    heading_drift: float
+    nees_before: float
+    nees_end: float
+    since: FloatArray
+    growth: FloatArray
+
+
+def spell_figures(evaluation: Evaluation, spell: Spell) -> SpellFigures | None:
+    """Return the figures of one spell; None where the reference has no epochs in it."""
+    start, end = spell
+    time, error = evaluation.time, evaluation.error_pos_n[:, :2]
+    first = max(int(np.searchsorted(time, start, side="right")) - 1, 0)
+    inside = np.flatnonzero((time > start) & (time < end))
+    if not inside.size:
+        return None
+    rows = np.r_[first, inside] if inside[0] > first else inside
+    growth = np.linalg.norm(error[rows] - error[rows[0]], axis=1)
+    horizontal = np.linalg.norm(error[rows], axis=1)
+    since = time[rows] - start
+    grid = np.arange(0.0, np.floor(since[-1] + 0.5) + 0.5)
+    heading = evaluation.error_rpy[rows[[0, -1]], 2]
+    return SpellFigures(
+        start=start,
+        end=min(end, float(time[rows[-1]])),
+        drift=float(growth.max()),
+        max_error=float(horizontal.max()),
+        final_error=float(horizontal[-1]),
+        velocity_error=float(np.linalg.norm(evaluation.error_vel_n[rows, :2], axis=1).max()),
+        heading_drift=float(np.angle(np.exp(1j * (heading[1] - heading[0])))),
+        nees_before=float(evaluation.nees_position[rows[0]]),
+        nees_end=float(evaluation.nees_position[rows[-1]]),
+        since=grid,
+        growth=np.interp(grid, since, growth),
+    )
+
+
+def statistics(maxima: Iterable[float]) -> dict[str, float | None]:
+    """Return median, RMS and 95th percentile of the maxima of all spells; None without any."""
+    known = np.array([m for m in maxima if np.isfinite(m)])
+    if not known.size:
+        return {"median": None, "rms_of_maxima": None, "p95": None}
+    return {
+        "median": float(np.median(known)),
+        "rms_of_maxima": float(np.sqrt(np.mean(known**2))),
+        "p95": float(np.percentile(known, 95)),
+    }
