@@ -16,10 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ...datasets.sequence import Sequence
-from ...datasets.series import Reference
-from ...filters.earth import C_en_of
 from ...filters.errors import AlignmentError, ConfigError, NavError
-from ...filters.rotation import rpy_from_matrix
 from ..config import Config
 from ..config_files import to_toml
 from ..evaluation.accuracy import evaluate
@@ -27,6 +24,7 @@ from ..pipeline import navigate
 from ..results.directory import write_result
 from ..solution import AlignmentReport, Solution
 from ..spells.degradation import degrade
+from ..spells.drift import as_reference
 from ..spells.outages import Outages, Spell, in_spells
 from ..sweep import in_parallel
 from .directories import write_sidecar
@@ -152,11 +150,7 @@ def _judged(
     if sequence.reference is None:
         smoothing = dataclasses.replace(config.filter, smooth=True)
         best = navigate(sequence, dataclasses.replace(config, filter=smoothing)).trajectory
-        C_nb = np.swapaxes(C_en_of(best.pos_e), 1, 2) @ best.C_eb
-        judge = Reference(
-            best.time, best.pos_e, best.vel_e, rpy_from_matrix(C_nb), np.zeros(3), "imu",
-            "the smoothed solution without spells: NOT independent",
-        )  # fmt: skip
+        judge = as_reference(best, "the smoothed solution without spells: NOT independent")
         sequence = dataclasses.replace(sequence, reference=judge)
         notes.append("no reference: judged by the smoothed solution without spells")
     else:

@@ -13,8 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...filters.rotation import FloatArray
+from ...datasets.series import Reference
+from ...filters.earth import C_en_of
+from ...filters.rotation import FloatArray, rpy_from_matrix
 from ..evaluation.accuracy import Evaluation
+from ..solution import Trajectory
 from .outages import Spell
 
 
@@ -30,8 +33,9 @@ class SpellFigures:
         See the module [m].
     max_error : float
         Largest horizontal error in the spell [m].
-    final_error : float
-        Horizontal error at its last reference epoch [m].
+    final_drift, final_error : float
+        How far the horizontal error has moved, and how large it is, at the last reference epoch in
+        the spell [m].
     velocity_error : float
         Largest horizontal velocity error [m/s].
     heading_drift : float
@@ -46,6 +50,7 @@ class SpellFigures:
     end: float
     drift: float
     max_error: float
+    final_drift: float
     final_error: float
     velocity_error: float
     heading_drift: float
@@ -74,6 +79,7 @@ def spell_figures(evaluation: Evaluation, spell: Spell) -> SpellFigures | None:
         end=min(end, float(time[rows[-1]])),
         drift=float(growth.max()),
         max_error=float(horizontal.max()),
+        final_drift=float(growth[-1]),
         final_error=float(horizontal[-1]),
         velocity_error=float(np.linalg.norm(evaluation.error_vel_n[rows, :2], axis=1).max()),
         heading_drift=float(np.angle(np.exp(1j * (heading[1] - heading[0])))),
@@ -94,3 +100,12 @@ def statistics(maxima: Iterable[float]) -> dict[str, float | None]:
         "rms_of_maxima": float(np.sqrt(np.mean(known**2))),
         "p95": float(np.percentile(known, 95)),
     }
+
+
+def as_reference(trajectory: Trajectory, source: str) -> Reference:
+    """Return a solution as the reference that others are judged by; `source` says which it is."""
+    C_nb = np.swapaxes(C_en_of(trajectory.pos_e), 1, 2) @ trajectory.C_eb
+    return Reference(
+        trajectory.time, trajectory.pos_e, trajectory.vel_e, rpy_from_matrix(C_nb), np.zeros(3),
+        "imu", source,
+    )  # fmt: skip

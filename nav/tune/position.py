@@ -1,9 +1,10 @@
 """What thresholds do to position: drift over simulated spells of weak GNSS.
 
 The drive is navigated once with everything GNSS has. Then, in every spell, the filter starts
-again from that solution (its covariance included, correlations between its parts not) and gets
-nothing but DDIA-VE from a few satellites drawn at random, screened with the thresholds on trial.
-What counts is how far the position error has moved, horizontally, at the end of the spell.
+again from that solution (its covariance included, correlations between its parts not) and goes
+through the loop of every run, which offers it nothing but DDIA-VE from the few satellites that the
+spell leaves, screened with the thresholds on trial. What counts is how far the position error has
+moved, horizontally, at the end of the spell.
 
 Thresholds act only through which rows pass, so runs are shared by all combinations that let the
 same rows through.
@@ -11,7 +12,9 @@ same rows through.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Sequence as Listing
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,88 +23,68 @@ from ...datasets.observations import GnssObservations
 from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of
 from ...filters.ekf import ErrorStateFilter
-from ...filters.error_model import ACCEL_BIAS, GYRO_BIAS, ErrorModel
-from ...filters.errors import DataError
+from ...filters.error_model import ACCEL_BIAS, GYRO_BIAS
+from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
-from ...filters.sensors import imu_preset
 from ...filters.strapdown import InertialStream, NavState
-from ...velocity.ddia import SINGULAR_K, ddia_velocity
-from ...velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows, with_elevation
+from ...velocity.ddia import SINGULAR_K
+from ...velocity.range_rate import DopplerRows, doppler_rows
 from ...velocity.screening import Screening, screen, usable_rows
 from ...velocity.study.pairs import all_pairs
 from ...velocity.vehicle_motion import ForwardMotion
-from ..config import Config
-from ..engine.ddia_update import filter_motion, measurement
+from ..config import Config, VehicleConfig
+from ..engine import blind
+from ..engine.events import GnssEvent
+from ..engine.gnss import gnss_timeline
+from ..engine.loop import FilterLoop
+from ..engine.model import error_model
+from ..engine.vehicle import VehicleConstraints
+from ..evaluation.accuracy import evaluate
 from ..evaluation.interpolation import interpolate
-from ..pipeline import navigate
+from ..pipeline import navigate, trajectory_from_rows
 from ..solution import Solution, Trajectory
+from ..spells.degradation import degrade
+from ..spells.drift import as_reference, spell_figures
+from ..spells.outages import Outages, Spell, parse_outages
+from .score import Score
 
-
-@dataclass(frozen=True)
-class Spells:
-    """Simulated weak GNSS.
-
-    Parameters
-    ----------
-    duration : float
-        Of each [s].
-    every : float
-        From the beginning of one to the beginning of the next [s].
-    settle : float
-        Before the first one [s].
-    satellites : int
-        Left in each; which ones is drawn.
-    seed : int
-    """
-
-    duration: float = 30.0
-    every: float = 60.0
-    settle: float = 20.0
-    satellites: int = 3
-    seed: int = 0
+#: Three satellites for 30 s in every minute.
+OUTAGES = parse_outages("30/60:3")
+#: From alignment to the first spell [s].
+SETTLE = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class SpellDrift:
-    """Drift in one spell for every pair of thresholds.
+class _Drive:
+    """What all runs over one drive share."""
 
-    Attributes
-    ----------
-    start : float
-        [s].
-    drift : ndarray, shape (s, m)
-        Horizontal [m].
-    updates : ndarray of int, shape (s, m)
-        Epochs with a velocity.
-    epochs : int
-        Epochs of the spell.
-    """
-
-    start: float
-    drift: FloatArray
-    updates: NDArray[np.int64]
-    epochs: int
+    sequence: Sequence
+    config: Config
+    solution: Solution
+    blind: list[blind.Spell]
 
 
 @dataclass(frozen=True, eq=False)
 class _Epoch:
-    time: float
+    """What GNSS offers in one epoch, and how the undisturbed solution sees it."""
+
+    event: GnssEvent
+    observations: GnssObservations
     rows: DopplerRows
-    cn0: FloatArray
-    elevation: FloatArray
+    u_e: FloatArray  # direction the vehicle points
 
 
-def spell_drifts(
+def drift_scores(
     sequence: Sequence,
     config: Config,
     snr_grid: FloatArray,
     k_grid: FloatArray,
     *,
     screening: Screening | None = None,
-    spells: Spells | None = None,
-    noise: DopplerNoise | None = None,
-) -> list[SpellDrift]:
-    """Return the drift of every spell of a sequence.
+    outages: Outages = OUTAGES,
+    seed: int = 0,
+) -> list[Score]:
+    """Return for every spell of a sequence its drift [m] and the epochs that gave a velocity.
 
     Parameters
     ----------
@@ -114,95 +97,127 @@ def spell_drifts(
         Ascending thresholds.
     screening : Screening, optional
         What besides the two thresholds is to be in force.
-    spells : Spells, optional
-    noise : DopplerNoise, optional
+    outages : Outages
+        The first spell begins `SETTLE` after alignment.
+    seed : int
+        Of the satellites that are drawn.
 
     Raises
     ------
     DataError
         If the drive is too short for one spell.
     """
-    spells, screening = spells or Spells(), screening or Screening()
-    observations = sequence.observations
-    if observations is None:
+    if sequence.observations is None:
         raise DataError(f"{sequence.name}: no GNSS observations: no Doppler to screen")
     solution = navigate(sequence, config)
-    trajectory = solution.trajectory
-    first, last = trajectory.time[0] + spells.settle, trajectory.time[-1] - spells.duration
-    starts = np.arange(first, last, spells.every)
-    if not starts.size:
+    if sequence.reference is None:
+        judge = as_reference(solution.trajectory, "the solution without spells")
+        sequence = replace(sequence, reference=judge)
+    spells = _spells(sequence, solution.trajectory, outages)
+    config = _nothing_but_ddia(config)
+    degraded = degrade(
+        sequence, spells, outages, seed=seed, min_cn0_dbhz=config.gnss.min_cn0_dbhz,
+        elevation_mask_deg=config.gnss.elevation_mask_deg,
+    )  # fmt: skip
+    events = [e for e in gnss_timeline(degraded, config.gnss).events if e.kind != "position"]
+    drive = _Drive(sequence, config, solution, blind.blind_spells(sequence.inertial, events))
+    return [
+        _score(
+            drive, spell, [e for e in events if spell.start < e.time < spell.end],
+            snr_grid, k_grid, screening or Screening(),
+        )
+        for spell in spells
+    ]  # fmt: skip
+
+
+def _spells(sequence: Sequence, trajectory: Trajectory, outages: Outages) -> list[Spell]:
+    """Return the spells that the solution covers and the reference can judge."""
+    (first, _), last = sequence.span, float(trajectory.time[-1])
+    settled = float(trajectory.time[0]) + SETTLE
+    shift = settled + outages.duration - first
+    try:
+        spells = outages.spells(first, last, settled - 1e-3, shift)
+    except ConfigError:
+        spells = []
+    assert sequence.reference is not None
+    judged = sequence.reference.time
+    spells = [s for s in spells if ((judged > s.start) & (judged < s.end)).sum() > 1]
+    if not spells:
         raise DataError(
             f"{sequence.name}: too short for a weak-GNSS spell: needs "
-            f"{spells.settle + spells.duration:g} s after alignment, "
-            f"found {trajectory.time[-1] - trajectory.time[0]:.0f} s",
+            f"{SETTLE + outages.duration:g} s after alignment, with a reference, "
+            f"found {last - trajectory.time[0]:.0f} s",
             remedy="take --objective velocity, or a longer drive",
         )
-    rng = np.random.default_rng(spells.seed)
-    out = []
-    for start in starts:
-        end = start + spells.duration
-        epochs = _epochs(sequence, observations, trajectory, start, end, spells, noise, rng)
-        out.append(_spell(sequence, config, solution, start, end, epochs, snr_grid, k_grid,
-                          screening))  # fmt: skip
-    return out
+    return spells
 
 
-def _epochs(
-    sequence: Sequence,
-    observations: GnssObservations,
-    trajectory: Trajectory,
-    start: float,
-    end: float,
-    spells: Spells,
-    noise: DopplerNoise | None,
-    rng: np.random.Generator,
-) -> list[_Epoch]:
-    """Return the spell's Doppler of the satellites drawn, in order."""
-    inside = (observations.time > start) & (observations.time < end) & observations.has_range_rate
-    part = observations.take(np.flatnonzero(inside))
-    if not len(part):
-        return []
-    at = interpolate(trajectory, part.time)
-    antenna_e = at.pos_e + at.C_eb @ sequence.calibration.lever_antenna_b
-    part = with_elevation(part, antenna_e)
-    rows = doppler_rows(part, antenna_e, noise)
-    _, first = np.unique([f"{t:.4f}{s}" for t, s in zip(part.time, part.sat, strict=True)], True)
-    single = np.zeros(len(part), dtype=bool)
-    single[first] = True  # one signal per satellite
-    satellites = np.unique(part.sat)
-    order = dict(zip(satellites, rng.permutation(satellites.size), strict=True))
-    out = []
-    for time, epoch in part.epochs():
-        index = np.arange(epoch.start, epoch.stop)[single[epoch]]
-        index = np.sort(sorted(index, key=lambda i: order[part.sat[i]])[: spells.satellites])
-        out.append(_Epoch(time, rows.take(index), part.cn0[index], part.elevation[index]))
-    return out
+def _nothing_but_ddia(config: Config) -> Config:
+    """Return the configuration in which only what is on trial screens the Doppler."""
+    return replace(
+        config,
+        gnss=replace(
+            config.gnss, position="auto", velocity="doppler", below_four="ddia",
+            min_cn0_dbhz=0.0, ddia_min_cn0_dbhz=0.0, ddia_min_k=SINGULAR_K,
+        ),
+        vehicle=VehicleConfig(nhc="off", odometer="off", zupt=False, zaru=False),
+    )  # fmt: skip
+
+
+def _score(
+    drive: _Drive,
+    spell: Spell,
+    events: list[GnssEvent],
+    snr_grid: FloatArray,
+    k_grid: FloatArray,
+    screening: Screening,
+) -> Score:
+    """Run the filter once for every distinct set of rows."""
+    shape = (snr_grid.size, k_grid.size)
+    drift, updates = np.zeros(shape), np.zeros(shape)
+    epochs = _epochs(drive, events)
+    patterns = np.zeros((*shape, 0), dtype=bool)
+    if epochs:
+        patterns = _patterns(epochs, snr_grid, k_grid, screening)
+    distinct, which = np.unique(
+        patterns.reshape(-1, patterns.shape[2]), axis=0, return_inverse=True
+    )
+    for number, usable in enumerate(distinct):
+        here = which.reshape(shape) == number
+        drift[here], updates[here] = _run(drive, spell, _only(epochs, usable))
+    return Score(drift**2, np.ones(shape), updates, len(events))
+
+
+def _epochs(drive: _Drive, events: Listing[GnssEvent]) -> list[_Epoch]:
+    at = interpolate(drive.solution.trajectory, np.array([e.time for e in events]))
+    antenna_e = at.pos_e + at.C_eb @ drive.sequence.calibration.lever_antenna_b
+    u_e = at.C_eb @ drive.sequence.calibration.C_bv[:, 0]
+    return [
+        _Epoch(event, event.observations, doppler_rows(event.observations, pos_e), ahead_e)
+        for event, pos_e, ahead_e in zip(events, antenna_e, u_e, strict=True)
+        if event.observations is not None
+    ]
 
 
 def _patterns(
     epochs: list[_Epoch],
-    sequence: Sequence,
-    trajectory: Trajectory,
     snr_grid: FloatArray,
     k_grid: FloatArray,
     screening: Screening,
 ) -> NDArray[np.bool_]:
     """Return which of the spell's rows each pair of thresholds lets through, shape (s, m, n)."""
     rows = _joined([e.rows for e in epochs])
-    number = np.repeat(np.arange(len(epochs)), [len(e.rows) for e in epochs])
-    at = interpolate(trajectory, np.array([e.time for e in epochs]))
-    u_e = at.C_eb @ sequence.calibration.C_bv[:, 0]
+    u_e = np.array([e.u_e for e in epochs])
     pairs = all_pairs(
-        rows, number, ForwardMotion(u_e, np.zeros_like(u_e), np.zeros((3, 3))),
-        np.concatenate([e.cn0 for e in epochs]), np.concatenate([e.elevation for e in epochs]),
+        rows, np.repeat(np.arange(len(epochs)), [len(e.rows) for e in epochs]),
+        ForwardMotion(u_e, np.zeros_like(u_e), np.zeros((3, 3))),
+        np.concatenate([e.observations.cn0[e.rows.row] for e in epochs]),
+        np.concatenate([e.observations.elevation[e.rows.row] for e in epochs]),
     )  # fmt: skip
     out = np.zeros((snr_grid.size, k_grid.size, len(rows)), dtype=bool)
     for i, snr in enumerate(snr_grid):
         for j, k in enumerate(k_grid):
-            trial = Screening(
-                float(snr), screening.cn0_of, float(k), screening.k_of,
-                screening.min_elevation_deg,
-            )  # fmt: skip
+            trial = replace(screening, min_cn0_dbhz=float(snr), min_k=float(k))
             out[i, j] = usable_rows(pairs, screen(pairs, trial), len(rows))
     return out
 
@@ -216,74 +231,44 @@ def _joined(parts: list[DopplerRows]) -> DopplerRows:
     )
 
 
-def _spell(
-    sequence: Sequence,
-    config: Config,
-    solution: Solution,
-    start: float,
-    end: float,
-    epochs: list[_Epoch],
-    snr_grid: FloatArray,
-    k_grid: FloatArray,
-    screening: Screening,
-) -> SpellDrift:
-    """Run the filter once for every distinct set of rows."""
-    shape = (snr_grid.size, k_grid.size)
-    drift, updates = np.zeros(shape), np.zeros(shape, dtype=np.int64)
-    if epochs:
-        patterns = _patterns(epochs, sequence, solution.trajectory, snr_grid, k_grid, screening)
-    else:
-        patterns = np.zeros((*shape, 0), dtype=bool)
-    distinct, which = np.unique(patterns.reshape(-1, patterns.shape[2]), axis=0,
-                                return_inverse=True)  # fmt: skip
-    for number, usable in enumerate(distinct):
-        here = (which.reshape(shape)) == number
-        error, count = _drift(sequence, config, solution, start, end, epochs, usable)
-        drift[here], updates[here] = error, count
-    return SpellDrift(float(start), drift, updates, len(epochs))
-
-
-def _drift(
-    sequence: Sequence,
-    config: Config,
-    solution: Solution,
-    start: float,
-    end: float,
-    epochs: list[_Epoch],
-    usable: NDArray[np.bool_],
-) -> tuple[float, int]:
-    """Return the horizontal drift over the spell [m] and the number of velocities used."""
-    kalman = _restarted(sequence, config, solution.trajectory, start)
-    begin, count = 0, 0
-    before = _position_error(sequence, solution.trajectory, start, kalman)
+def _only(epochs: list[_Epoch], usable: NDArray[np.bool_]) -> list[GnssEvent]:
+    """Return the events with the usable rows alone; those with less than two are left out."""
+    out, begin = [], 0
     for epoch in epochs:
         keep = usable[begin : begin + len(epoch.rows)]
         begin += len(epoch.rows)
-        if keep.sum() < 2 or epoch.time <= kalman.time:
-            continue
-        kalman.propagate(epoch.time)
-        aided = ddia_velocity(
-            epoch.rows.take(keep), filter_motion(kalman, sequence.calibration), epoch.time,
-            min_k=SINGULAR_K,
-        )  # fmt: skip
-        if aided.ok:
-            update = measurement(kalman, aided, sequence.calibration)
-            count += kalman.update(update, config.filter.gate_probability).accepted
-    kalman.propagate(end)
-    after = _position_error(sequence, solution.trajectory, end, kalman)
-    return float(np.hypot(*(after - before)[:2])), count
+        if keep.sum() >= 2:
+            names = tuple(map(str, epoch.rows.sat[keep]))
+            left = epoch.observations.take(epoch.rows.row[keep])
+            out.append(replace(epoch.event, satellites=names, observations=left))
+    return out
 
 
-def _restarted(
-    sequence: Sequence, config: Config, trajectory: Trajectory, start: float
-) -> ErrorStateFilter:
+def _run(drive: _Drive, spell: Spell, events: Listing[GnssEvent]) -> tuple[float, int]:
+    """Return the horizontal drift at the spell's end [m] and the number of velocities used."""
+    calibration, config = drive.sequence.calibration, drive.config
+    kalman = _restarted(drive, spell.start)
+    loop = FilterLoop(
+        kalman, calibration, VehicleConstraints(calibration, config.vehicle), config,
+        deque(drive.blind),
+    )  # fmt: skip
+    for event in events:
+        loop.offer(event)
+    loop.advance(spell.end)
+    solution = replace(
+        drive.solution, trajectory=trajectory_from_rows(kalman.rows), updates=tuple(loop.updates)
+    )
+    figures = spell_figures(evaluate(solution, drive.sequence), spell)
+    assert figures is not None  # spells without a reference have been left out
+    return figures.final_drift, sum(update.accepted for update in loop.updates)
+
+
+def _restarted(drive: _Drive, start: float) -> ErrorStateFilter:
     """Return a filter that stands where the undisturbed solution stood."""
-    imu = sequence.inertial
-    at = interpolate(trajectory, np.array([start]))
-    C_en = C_en_of(at.pos_e[0])
-    C_eb = at.C_eb[0]
-    spec = imu_preset(config.filter.imu) if config.filter.imu else sequence.calibration.imu
-    model = ErrorModel(spec, config.filter.states, config.filter.bias_model)
+    imu, config = drive.sequence.inertial, drive.config
+    at = interpolate(drive.solution.trajectory, np.array([start]))
+    C_en, C_eb = C_en_of(at.pos_e[0]), at.C_eb[0]
+    model = error_model(drive.sequence.calibration, config, doppler=False, shared=False)
     C_bn = C_eb.T @ C_en
     P = model.initial_covariance(
         C_en @ at.cov_pos_n[0] @ C_en.T,
@@ -292,28 +277,13 @@ def _restarted(
     )
     P[GYRO_BIAS, GYRO_BIAS] = np.diag(at.std_gyro_bias[0] ** 2)
     P[ACCEL_BIAS, ACCEL_BIAS] = np.diag(at.std_accel_bias[0] ** 2)
-    kalman = ErrorStateFilter(
+    rate = config.filter.output_rate_hz
+    return ErrorStateFilter(
         model,
         InertialStream(imu.time, imu.gyro_b, imu.accel_b),
         NavState(start, at.pos_e[0], at.vel_e[0], C_eb),
         P,
-        output_interval=1e9,
+        output_interval=1.0 / rate if rate > 0 else 0.0,
+        gyro_bias=at.gyro_bias[0],
+        accel_bias=at.accel_bias[0],
     )
-    kalman.bias[0:3], kalman.bias[3:6] = at.gyro_bias[0], at.accel_bias[0]
-    return kalman
-
-
-def _position_error(
-    sequence: Sequence, trajectory: Trajectory, time: float, kalman: ErrorStateFilter
-) -> FloatArray:
-    """Return the position error of the filter, north-east-down [m]."""
-    reference = sequence.reference
-    C_en = C_en_of(kalman.pos_e)
-    if reference is None or not reference.time[0] <= time <= reference.time[-1]:
-        at = interpolate(trajectory, np.array([min(time, trajectory.time[-1])]))
-        return C_en.T @ (kalman.pos_e - at.pos_e[0])
-    k = int(np.clip(np.searchsorted(reference.time, time), 1, reference.time.size - 1))
-    step = reference.time[k] - reference.time[k - 1]
-    share = (time - reference.time[k - 1]) / step
-    truth = (1.0 - share) * reference.pos_e[k - 1] + share * reference.pos_e[k]
-    return C_en.T @ (kalman.pos_e + kalman.C_eb @ reference.lever_b - truth)

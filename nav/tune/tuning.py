@@ -303,14 +303,9 @@ def _blocks(time: FloatArray, blocks: int) -> NDArray[np.int64]:
 
 def _position(job: _Job, sequence: Sequence) -> _Report:
     """Score drift over weak-GNSS spells; each spell is a block."""
-    from .position import spell_drifts
+    from .position import drift_scores
 
-    spells = spell_drifts(sequence, job.config, job.snr, job.k, screening=job.screening)
-    parts = []
-    for number, spell in enumerate(spells):
-        score = Score(
-            spell.drift**2, np.ones_like(spell.drift), spell.updates.astype(float), spell.epochs
-        )
-        parts.append(Part(sequence.name, number, score))
-    note = f"{sequence.name}: {len(spells)} weak-GNSS spells"
+    scores = drift_scores(sequence, job.config, job.snr, job.k, screening=job.screening)
+    parts = [Part(sequence.name, number, score) for number, score in enumerate(scores)]
+    note = f"{sequence.name}: {len(scores)} weak-GNSS spells"
     return _Report(sequence.name, parts, None, None, [note])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import warnings
 
@@ -22,7 +23,8 @@ from certnav.nav.commands import tune as tuning_command
 from certnav.nav.config import Config
 from certnav.nav.config_files import load_config
 from certnav.nav.engine.ddia_update import filter_motion, measurement
-from certnav.nav.tune.position import Spells, spell_drifts
+from certnav.nav.spells.outages import parse_outages
+from certnav.nav.tune.position import drift_scores
 from certnav.nav.tune.report import as_dict, write_tuning
 from certnav.nav.tune.score import Score, choose, pareto_front
 from certnav.nav.tune.tuning import Tuning, tune
@@ -207,18 +209,23 @@ def test_update_is_linearised_in_the_filter_s_own_attitude():
 
 def test_doppler_holds_position_where_none_is_left_to_drift():
     _, sequence = drive(4, 150.0, "suburb")
-    spells = Spells(duration=30.0, every=45.0, settle=10.0)
-    found = spell_drifts(
-        sequence, Config(), np.array([30.0, 69.0]), np.array([0.05]), spells=spells
+    outages = parse_outages("30/45:3")
+    found = drift_scores(
+        sequence, Config(), np.array([30.0, 69.0]), np.array([0.05]), outages=outages
     )
     assert len(found) >= 2
     for spell in found:
-        assert spell.updates[0, 0] > 0.8 * spell.epochs
-        assert spell.updates[1, 0] == 0
-        assert spell.drift[0, 0] < 5.0
-        assert spell.drift[0, 0] < 0.5 * spell.drift[1, 0]
+        drift = spell.rms
+        assert spell.retention[0, 0] > 0.8
+        assert spell.kept[1, 0] == 0
+        assert drift[0, 0] < 5.0
+        assert drift[0, 0] < 0.5 * drift[1, 0]
+    bare = dataclasses.replace(sequence, reference=None)  # judged by its own solution
+    again = drift_scores(bare, Config(), np.array([30.0, 69.0]), np.array([0.05]), outages=outages)
+    for judged, own in zip(found, again, strict=True):
+        np.testing.assert_allclose(own.rms, judged.rms, rtol=0.2, atol=1.0)
     with pytest.raises(DataError, match="too short for a weak-GNSS spell"):
-        spell_drifts(sequence, Config(), SNR, K, spells=Spells(duration=500.0))
+        drift_scores(sequence, Config(), SNR, K, outages=parse_outages("500/600:3"))
 
 
 def test_position_objective_runs_through_the_same_choice():
