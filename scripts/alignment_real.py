@@ -36,13 +36,9 @@ from certnav.filters.rotation import wrap_angle
 from certnav.filters.strapdown import InertialStream
 from certnav.nav.results.summary import strict
 from certnav.nav.windows.noise import WindowNoise
-from certnav.nav.windows.recording import (
-    WindowOptions,
-    align_recording,
-    prepared_observations,
-    reference_heading,
-    summary,
-)
+from certnav.nav.windows.options import WindowOptions
+from certnav.nav.windows.recording import align_recording, reference_heading, summary
+from certnav.nav.windows.rows import prepared_observations
 
 #: 1σ: a slope of 6 % is 3.4°. 3° would already make the bound 11°, above the limit of 10°.
 LEVEL_DEG = 2.0

@@ -21,7 +21,8 @@ from matplotlib.figure import Figure
 
 from certnav.datasets.loading import load
 from certnav.nav.results.summary import strict
-from certnav.nav.windows.recording import WindowOptions, align_windows, summary
+from certnav.nav.windows.options import WindowOptions
+from certnav.nav.windows.recording import align_windows, summary
 
 METHODS = ("sdp", "voba", "gauss-newton")
 NAMES = {"voba": "VOBA", "gauss-newton": "Gauss–Newton from identity", "sdp": "SDP"}

@@ -24,7 +24,7 @@ from ...filters.rotation import FloatArray
 from ...velocity.tracks import Track, Tracks, differenced, thinned, tracks
 from ..config import GnssConfig
 from ..notes import clock
-from . import motion
+from . import axes, motion, timing
 from .findings import Finding, Report, in_order
 from .gnss import gnss_findings
 from .inertial import inertial_findings
@@ -119,7 +119,7 @@ def check_sequence(sequence: Sequence, gnss: GnssConfig | None = None) -> list[F
         *overlap(sequence),
         *gnss_found,
         *_imu(sequence, found),
-        *(motion.odometer(sequence, found.gnss) if found.gnss is not None else ()),
+        *(axes.odometer(sequence, found.gnss) if found.gnss is not None else ()),
         *reference_findings(sequence, found, _positions(sequence)),
         *undeclared(sequence),
     ]
@@ -145,8 +145,8 @@ def _imu(sequence: Sequence, found: Tracks) -> Iterator[Finding]:
         return
     calibration = sequence.calibration
     distance = float(np.linalg.norm(calibration.lever_antenna_b)) + calibration.lever_antenna_sigma
-    offset = motion.time_offset(imu, found.gnss, distance)
-    yield from motion.offset_findings(offset, "GNSS")
+    offset = timing.time_offset(imu, found.gnss, distance)
+    yield from timing.offset_findings(offset, "GNSS")
     if offset is not None and offset.significant:
         imu = imu.shifted(-offset.lag)
     track = _judge(found, offset)
@@ -154,21 +154,21 @@ def _imu(sequence: Sequence, found: Tracks) -> Iterator[Finding]:
         cannot = "units and axes cannot be told: no Doppler, no reference, only rough positions"
         yield Finding("note", "IMU axes", cannot)
         return
-    yield from motion.gyro(imu, track)
-    yield from motion.accelerometer(imu, track)
+    yield from axes.gyro(imu, track)
+    yield from axes.accelerometer(imu, track)
     reference = sequence.reference
     if reference is None or found.reference is None:
         return
     heading = reference.rpy[:, 2] if len(reference) == len(found.reference) else None
     distance = float(np.linalg.norm(reference.lever_b)) + calibration.lever_antenna_sigma
-    against = motion.time_offset(imu, found.reference, distance, heading)
+    against = timing.time_offset(imu, found.reference, distance, heading)
     if against is not None and against.significant:
-        for finding in motion.offset_findings(against, "reference"):
+        for finding in timing.offset_findings(against, "reference"):
             # Not fatal: a run does not need the reference.
             yield dataclasses.replace(finding, severity="doubtful")
 
 
-def _judge(found: Tracks, offset: motion.Offset | None) -> Track | None:
+def _judge(found: Tracks, offset: timing.Offset | None) -> Track | None:
     """Return the track to judge axes by: GNSS, or the reference where it shows more turning."""
     gnss, reference = found.gnss, found.reference
     if gnss is None or not gnss.precise:
@@ -177,7 +177,7 @@ def _judge(found: Tracks, offset: motion.Offset | None) -> Track | None:
         return gnss
 
     def turning(track: Track) -> float:
-        return motion.track_turning(track.course(motion.COURSE_SPEED))
+        return axes.track_turning(track.course(motion.COURSE_SPEED))
 
     return reference if turning(reference) > 1.5 * turning(gnss) else gnss
 

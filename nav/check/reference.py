@@ -17,7 +17,8 @@ from ...filters.rotation import FloatArray, matrix_from_rpy
 from ...velocity.tracks import Track, Tracks
 from .findings import Finding
 from .lag import Lag, find_lag
-from .motion import COURSE_SPEED, LAG_TOLERANCE, increments, leap_remedy, leap_second_words
+from .motion import COURSE_SPEED, increments
+from .timing import LAG_TOLERANCE, leap_remedy, leap_second_words
 
 _BLOCKS = 8
 #: Slower epochs take no part in the fit [m/s].

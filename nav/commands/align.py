@@ -52,7 +52,8 @@ def run(arguments: argparse.Namespace) -> None:
     from ...datasets.loading import load
     from ...filters.errors import ConfigError
     from ..results.summary import strict
-    from ..windows.recording import WindowOptions, align_recording
+    from ..windows.options import WindowOptions
+    from ..windows.recording import align_recording
     from ..windows.report import as_dict, draw, table, write_proofs
 
     options = WindowOptions(

@@ -197,7 +197,8 @@ def _carry_out(task: _Task, sequence: Sequence) -> Run:
 
 
 def _windows(sequence: Sequence, task: _Task) -> Run:
-    from ..windows.recording import WindowOptions, align_windows, summary
+    from ..windows.options import WindowOptions
+    from ..windows.recording import align_windows, summary
 
     name = task.method.name
     try:

@@ -14,6 +14,7 @@ from ..page import document
 from ..page.quantities import duration, length, quantity
 from ..results.directory import Result, read_result
 from . import figures
+from .track import track
 from .verdict import gate_activity, verdict
 
 
@@ -93,7 +94,7 @@ def _track_section(result: Result) -> str:
             f" Wide grey line: reference ({evaluation.source}), which follows the "
             f"{evaluation.point.replace('imu', 'IMU')}; the solution follows the IMU."
         )
-    image = document.image(figures.track, result, "Track of the vehicle", caption)
+    image = document.image(track, result, "Track of the vehicle", caption)
     return (
         f'<h2>Track</h2>\n<div class="split"><div>{image}</div><div>{_metrics(result)}</div></div>'
     )

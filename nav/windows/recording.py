@@ -3,98 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...alignment.local_velocity import LocalTrack, inertial_track, planar_track
-from ...alignment.priors import Prior, up_prior
-from ...alignment.problem import AlignmentRows, ClockModel, build_problem
-from ...alignment.reference.baselines import gauss_newton, voba
-from ...alignment.reference.certifiable import align_sdp
 from ...alignment.result import AlignmentResult, Verdict
-from ...alignment.robust import align_robust
-from ...alignment.verdict import align
 from ...datasets.observations import GnssObservations
 from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of
-from ...filters.errors import AlignmentError, ConfigError
+from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray, wrap_angle
-from ...filters.strapdown import InertialStream
-from ...velocity.range_rate import doppler_rows, with_elevation
+from .methods import clock_model, solve
 from .noise import WindowNoise, fit_window_noise
-
-METHODS = ("certified", "robust", "sdp", "voba", "gauss-newton")
-
-
-@dataclass(frozen=True)
-class WindowOptions:
-    """How a recording is cut into windows and what is kept of it.
-
-    Parameters
-    ----------
-    window, step : float
-        Length of a window and distance between their beginnings [s].
-    method : {'certified', 'robust', 'sdp', 'voba', 'gauss-newton'}
-        'certified': the SDP-free solver with all verdicts; 'robust': the same on the largest
-        consensus of the rows; 'sdp': the paper's relaxation; 'gauss-newton' starts from the
-        identity, as in Song et al.'s Table III.
-    clock : {'constant', 'linear', 'per-epoch', 'random-walk'}
-        Model of the receiver's clock drift within a window.
-    clock_walk : float
-        Of the random walk [m/s/√s]; a quartz oscillator's is about 0.1.
-    sigma_local_mps : float
-        1σ per axis of the local velocity, odometer and yaw rate together; added to that of
-        every row.
-    satellites : float, optional
-        Keep this many satellites per epoch, drawn at random; a fraction is the average.
-        Default: all.
-    labels : {'all', 'los'}
-        'los' drops rows labelled as not in line of sight, where the recording has labels.
-    decimate : int
-        Keep every so-manieth epoch.
-    noise : {'assumed', 'fitted'}
-        Of the Doppler: `velocity.range_rate.DopplerNoise` as it is, or fitted to the recording
-        with its correlation (`nav.windows.noise`).
-    min_cn0 : float
-        Weaker signals are left out [dB-Hz]; mostly reflections in a city.
-    level_deg : float, optional
-        1σ per axis of the vehicle's tilt: the up prior of a car on a road (`certified` and
-        `robust`). Default: none.
-    elevation_mask_deg : float
-    seed : int
-        For drawing satellites.
-    """
-
-    window: float = 15.0
-    step: float = 5.0
-    method: str = "certified"
-    clock: str = "random-walk"
-    clock_walk: float = 0.1
-    sigma_local_mps: float = 0.0
-    satellites: float | None = None
-    labels: str = "all"
-    decimate: int = 1
-    noise: str = "assumed"
-    min_cn0: float = 0.0
-    level_deg: float | None = None
-    elevation_mask_deg: float = 10.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise ConfigError.unknown_key(self.method, METHODS, where="--method")
-        if self.labels not in ("all", "los"):
-            raise ConfigError(f"--rows: expected 'all' or 'los', found '{self.labels}'")
-        if self.noise not in ("assumed", "fitted"):
-            raise ConfigError(f"--noise: expected 'assumed' or 'fitted', found '{self.noise}'")
-        if self.level_deg is not None and not 0.0 < self.level_deg <= 45.0:
-            raise ConfigError(f"--level: expected 0 < level ≤ 45°, found {self.level_deg:g}")
-        if not (self.window > 0.0 and self.step > 0.0 and self.decimate >= 1):
-            raise ConfigError("expected window > 0 s, step > 0 s and decimate ≥ 1")
-        if self.satellites is not None and not self.satellites >= 1.0:
-            raise ConfigError(f"--satellites: expected at least 1, found {self.satellites:g}")
+from .options import WindowOptions
+from .rows import alignment_rows, local_track, prepared_observations
 
 
 @dataclass(frozen=True)
@@ -205,21 +127,13 @@ def _noise(
         except AlignmentError:
             continue
         windows.append((rows, part))
-    return fit_window_noise(windows, _clock(options, WindowNoise()))
+    return fit_window_noise(windows, clock_model(options, WindowNoise()))
 
 
 def _inside(
     observations: GnssObservations, start: float, options: WindowOptions
 ) -> NDArray[np.bool_]:
     return (observations.time >= start) & (observations.time <= start + options.window)
-
-
-def _clock(options: WindowOptions, noise: WindowNoise) -> ClockModel:
-    if options.clock != "random-walk":
-        return ClockModel(options.clock)
-    return ClockModel(
-        options.clock, options.clock_walk if noise.clock_walk is None else noise.clock_walk
-    )
 
 
 def align_window(
@@ -245,7 +159,7 @@ def align_window(
     epochs = int(np.unique(rows.epoch).size)
     mean = len(rows) / epochs if epochs else nan
     try:
-        solved = _solve(rows, options, noise, C_en_of(pos_e[inside][0]))
+        solved = solve(rows, options, noise, C_en_of(pos_e[inside][0]))
     except AlignmentError as error:
         return WindowResult(
             start, epochs, len(rows), mean, "FAILED", nan, nan, nan, nan, str(error)
@@ -258,133 +172,6 @@ def align_window(
         solved.chi2_per_dof, "", solved.bound,
         () if solved.result is None else solved.result.verdicts, solved.result,
     )  # fmt: skip
-
-
-def local_track(sequence: Sequence, start: float, end: float) -> LocalTrack:
-    """Return the local velocity of a window: gyros where there is no yaw rate."""
-    odometer, calibration = sequence.odometer, sequence.calibration
-    if odometer is None:
-        raise AlignmentError(f"{sequence.name}: no odometer, so no local velocity")
-    C_vb = calibration.C_bv.T
-    lever_v = C_vb @ (calibration.lever_antenna_b - calibration.lever_vehicle_b)
-    if odometer.yaw_rate is not None:
-        return planar_track(odometer.time, odometer.speed, odometer.yaw_rate, start, end, lever_v)
-    imu = sequence.inertial
-    stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
-    return inertial_track(
-        stream, odometer.time, odometer.speed, start, end, calibration.C_bv, lever_v=lever_v
-    )
-
-
-def alignment_rows(
-    observations: GnssObservations,
-    pos_e: FloatArray,
-    track: LocalTrack,
-    sigma_local: float,
-    noise: WindowNoise,
-) -> AlignmentRows:
-    """Pair the Doppler of a window with the local velocity at the same instants."""
-    doppler = doppler_rows(observations, pos_e, noise.doppler)
-    time = observations.time[doppler.row]
-    return AlignmentRows.paired(doppler, time, track.velocity_at(time), vel_sigma=sigma_local)
-
-
-class _Solved(NamedTuple):
-    """What one method says about one window."""
-
-    status: str
-    C_ew: FloatArray
-    sigma_heading: float = float("nan")
-    chi2_per_dof: float = float("nan")
-    bound: float = float("nan")
-    result: AlignmentResult | None = None
-
-
-def _solve(
-    rows: AlignmentRows, options: WindowOptions, noise: WindowNoise, C_en: FloatArray
-) -> _Solved:
-    """Align one window; an `AlignmentError` says why there is no rotation."""
-    if options.method == "voba":
-        return _Solved("BASELINE", voba(rows).C_ew)
-    clock, correlated = _clock(options, noise), noise.correlated
-    priors = _priors(options, C_en)
-    if options.method == "robust":
-        return _judged(align_robust(rows, clock, correlated=correlated, priors=priors).result)
-    if options.method == "certified":
-        return _judged(align(rows, clock, correlated=correlated, priors=priors))
-    problem = build_problem(rows, clock, correlated=correlated)
-    if options.method == "gauss-newton":
-        found = gauss_newton(problem)
-        chi2 = problem.cost(found.C_ew) / problem.dof if problem.dof > 0 else float("nan")
-        status = "BASELINE" if found.converged else "NOT_CONVERGED"
-        return _Solved(status, found.C_ew, chi2_per_dof=chi2)
-    result = align_sdp(problem)
-    chi2 = result.cost / result.dof if result.dof > 0 else float("nan")
-    # θ is in w axes; its down component there is the heading's error on level ground.
-    sigma = float(np.sqrt(result.cov_w[2, 2]))
-    return _Solved(result.status.name, result.C_ew, sigma, chi2)
-
-
-def _priors(options: WindowOptions, C_en: FloatArray) -> tuple[Prior, ...]:
-    """Return the up prior of a vehicle on a road, if asked for."""
-    if options.level_deg is None:
-        return ()
-    return (up_prior([0.0, 0.0, -1.0], C_en, np.radians(options.level_deg)),)
-
-
-def _judged(result: AlignmentResult) -> _Solved:
-    """Return the overall verdict, or the names of the verdicts that did not pass."""
-    failed = "not " + ", ".join(v.name for v in result.failed)
-    chi2 = result.cost / result.dof if result.dof > 0 else float("nan")
-    sigma = float(np.sqrt(result.cov_w[2, 2]))
-    status = "PASSED" if result.passed else failed
-    return _Solved(status, result.C_ew, sigma, chi2, result.bound, result)
-
-
-def prepared_observations(
-    sequence: Sequence, options: WindowOptions
-) -> tuple[GnssObservations, FloatArray]:
-    """Return the screened and thinned observations with their approximate positions."""
-    if sequence.observations is None or not sequence.observations.has_range_rate.any():
-        raise AlignmentError(f"{sequence.name}: no raw Doppler with satellite states to align with")
-    observations = sequence.observations
-    pos_e = _whereabouts(sequence, observations.time)
-    observations = with_elevation(observations, pos_e)
-    low = observations.elevation < np.radians(options.elevation_mask_deg)
-    observations = observations.mark(low, "below elevation mask")
-    observations = observations.mark(observations.cn0 < options.min_cn0, "weak signal")
-    if options.labels == "los":
-        observations = observations.mark(observations.label == "nlos", "labelled as reflected")
-    keep = observations.has_range_rate & _kept(observations, options)
-    return observations.take(keep), pos_e[keep]
-
-
-def _whereabouts(sequence: Sequence, time: FloatArray) -> FloatArray:
-    """Return approximate antenna positions: the receiver's own, else the reference's."""
-    source = sequence.fixes if sequence.fixes is not None else sequence.reference
-    if source is None:
-        raise AlignmentError(
-            f"{sequence.name}: no position to compute lines of sight from — a kilometre would do"
-        )
-    return np.column_stack([np.interp(time, source.time, x) for x in source.pos_e.T])
-
-
-def _kept(observations: GnssObservations, options: WindowOptions) -> NDArray[np.bool_]:
-    """Return the rows left by decimation and by drawing satellites."""
-    rng = np.random.default_rng(options.seed)
-    keep = np.zeros(len(observations), dtype=bool)
-    usable = observations.has_range_rate
-    for number, (_, rows) in enumerate(observations.epochs()):
-        here = np.flatnonzero(usable[rows]) + rows.start
-        if number % options.decimate or not here.size:
-            continue
-        if options.satellites is not None:
-            whole, fraction = divmod(options.satellites, 1.0)
-            spread = rng.integers(-1, 2) if options.satellites == 2.0 else 0
-            n = int(whole) + int(rng.random() < fraction) + int(spread)
-            here = rng.permutation(here)[: max(n, 1)]
-        keep[here] = True
-    return keep
 
 
 def reference_heading(sequence: Sequence, time: float) -> float:

@@ -12,7 +12,8 @@ from ...alignment.proofs.proof import write
 from ...alignment.result import Ask, Verdict
 from ...filters.errors import AlignmentError
 from .noise import WindowNoise
-from .recording import WindowOptions, WindowResult, summary
+from .options import WindowOptions
+from .recording import WindowResult, summary
 
 # Okabe–Ito.
 _BLUE, _ORANGE, _GREY = "#0072B2", "#D55E00", "#999999"

@@ -8,14 +8,9 @@ import numpy as np
 import pytest
 
 from certnav.filters.earth import lla_to_ecef
-from certnav.nav.check.motion import (
-    Inertial,
-    accelerometer,
-    gyro,
-    leap_second_words,
-    offset_findings,
-    time_offset,
-)
+from certnav.nav.check.axes import accelerometer, gyro
+from certnav.nav.check.motion import Inertial
+from certnav.nav.check.timing import leap_second_words, offset_findings, time_offset
 from certnav.velocity.tracks import Track
 
 POSITION = np.radians([48.0, 11.0])

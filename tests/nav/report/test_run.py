@@ -15,6 +15,7 @@ import pytest
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.page.pictures import render
 from certnav.nav.report import figures
+from certnav.nav.report.panels import gnss_state, thin
 from certnav.nav.report.run import write_report
 from certnav.nav.report.verdict import gate_activity, verdict
 from certnav.nav.results.directory import read_result, write_result
@@ -219,15 +220,15 @@ def test_thin_keeps_the_extremes():
     y = rng.normal(size=100_003)
     y[[12_345, 99_999]] = 50.0, -60.0
     y[500:700] = np.nan
-    keep = figures.thin(y, bins=200)
+    keep = thin(y, bins=200)
     assert keep.size <= 402 and {12_345, 99_999, 0, y.size - 1} <= set(keep.tolist())
     assert np.all(np.diff(keep) > 0)
-    np.testing.assert_array_equal(figures.thin(y[:50], bins=200), np.arange(50))
+    np.testing.assert_array_equal(thin(y[:50], bins=200), np.arange(50))
 
 
 def test_gnss_state_of_a_set_of_fixes(result):
     result = result(duration=100.0, observations=False)
-    state = figures.gnss_state(result)
+    state = gnss_state(result)
     t = result.solution.trajectory.time - result.solution.trajectory.time[0]
     # Fixes at 1 Hz are missing in (35, 45) and (70, 75) s; 3 s without one is an outage.
     assert state[(t > 39.0) & (t < 44.9)].all() and not state[(t > 50.0) & (t < 60.0)].any()

@@ -12,7 +12,8 @@ from certnav.datasets.placing import SEAL, broken_seals
 from certnav.filters.errors import ConfigError, DataError
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.notes import plain
-from certnav.nav.report.figures import gnss_state, satellites
+from certnav.nav.report.figures import satellites
+from certnav.nav.report.panels import gnss_state
 from certnav.nav.results.directory import is_result, read_result, write_result
 from certnav.nav.results.summary import count_updates, strict
 from certnav.nav.solution import Epochs, Update

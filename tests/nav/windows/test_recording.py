@@ -15,7 +15,8 @@ from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import AlignmentError, ConfigError
 from certnav.nav.commands.cli import main
 from certnav.nav.windows.noise import fit_window_noise
-from certnav.nav.windows.recording import WindowOptions, align_recording, align_windows, summary
+from certnav.nav.windows.options import WindowOptions
+from certnav.nav.windows.recording import align_recording, align_windows, summary
 from certnav.velocity.range_rate import DopplerNoise
 
 

@@ -1,0 +1,130 @@
+"""The IMU's clock against the motion GNSS sees, whatever the axes are (`nav.check.lag`).
+
+Time is taken out before axes are judged: so one fault makes one finding. The course leads the
+heading (`nav.check.motion`), which is a limit of the gyro as a clock and not a fault.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...filters.rotation import FloatArray
+from ...velocity.tracks import Track
+from .findings import Finding
+from .lag import Lag, find_lag
+from .motion import COURSE_SPEED, Inertial, increments
+
+#: Offsets below are neither told from filter delays inside receivers nor worth a doubt [s].
+LAG_TOLERANCE = 0.04
+#: From here on a position is metres off: not navigable [s].
+LAG_FATAL = 0.5
+#: Distance between antenna and rear axle, and what remains unknown of a lever arm [m].
+_AXLE, _LEVER = 2.0, 0.3
+
+
+@dataclass(frozen=True)
+class Offset:
+    """A time offset from all motions that show it.
+
+    Attributes
+    ----------
+    lag, sigma : float
+        Positive: the IMU's stamps are late [s].
+    evidence : tuple of (str, Lag)
+    """
+
+    lag: float
+    sigma: float
+    evidence: tuple[tuple[str, Lag], ...]
+
+    @property
+    def significant(self) -> bool:
+        """Whether the offset is beyond its uncertainty and what receivers do to time."""
+        return abs(self.lag) > LAG_TOLERANCE + 3.0 * self.sigma
+
+
+def time_offset(
+    imu: Inertial, track: Track, distance: float, heading: FloatArray | None = None
+) -> Offset | None:
+    """Return by how much the IMU's stamps are late against a track, or None if nothing tells.
+
+    Parameters
+    ----------
+    imu : Inertial
+    track : Track
+    distance : float
+        From the IMU to the point the track is of [m]: its acceleration leads or lags cornering.
+    heading : ndarray, shape (n,), optional
+        Heading of the body at the track's times [rad]; the course otherwise.
+    """
+    moves = increments(track, heading)
+    if moves is None:
+        return None
+    speed = moves.turning_speed if np.isfinite(moves.turning_speed) else COURSE_SPEED
+    horizontal = imu.velocity[:, :2]
+    found = []
+    for what, integral, y, systematic in (
+        ("speed", horizontal, moves.along, 0.01),
+        ("cornering", horizontal, moves.across, (distance + _LEVER) / speed),
+        ("turn rate", imu.angle, moves.turn, 0.01 if heading is not None else _AXLE / speed),
+    ):
+        lag = find_lag(imu.time, integral, moves.start, moves.end, y[:, None])
+        if lag is not None and lag.conclusive:
+            found.append((what, lag, float(np.hypot(lag.sigma, systematic))))
+    if not found:
+        return None
+    # A far lag is taken from the motion that shows it best; those that contradict it are left out.
+    best = max(found, key=lambda f: f[1].explained)
+    near = [f for f in found if abs(f[1].lag - best[1].lag) < 1.0]
+    weight = np.array([1.0 / f[2] ** 2 for f in near])
+    mean = float(weight @ [f[1].lag for f in near] / weight.sum())
+    return Offset(mean, float(weight.sum() ** -0.5), tuple((f[0], f[1]) for f in near))
+
+
+def offset_findings(offset: Offset | None, other: str) -> list[Finding]:
+    """Return what the IMU's time offset against `other` ('GNSS') means."""
+    subject = f"time, IMU and {other}"
+    if offset is None:
+        return [
+            Finding(
+                "note", subject, "an offset cannot be told: too little acceleration and turning"
+            )
+        ]
+    size, late = abs(offset.lag), "late" if offset.lag > 0 else "early"
+    evidence = ", ".join(f"{what} {lag.lag:+.2f} s" for what, lag in offset.evidence)
+    numbers = {"offset_s": offset.lag, "offset_sigma_s": offset.sigma}
+    if not offset.significant:
+        return [
+            Finding(
+                "note",
+                subject,
+                f"agree to {offset.lag:+.3f} ± {offset.sigma:.3f} s ({evidence})",
+                numbers=numbers,
+            )
+        ]
+    found = f"the IMU's stamps are {size:.2f} ± {offset.sigma:.2f} s {late} ({evidence})"
+    change = ("subtract", "from") if offset.lag > 0 else ("add", "to")
+    remedy = f"{change[0]} {size:.2f} s {change[1]} the IMU's time"
+    if size < LAG_FATAL:
+        found += f"; at 20 m/s that is {20.0 * size:.0f} m along the road"
+        return [Finding("doubtful", subject, found, remedy, numbers)]
+    leap = leap_second_words(offset.lag)
+    return [Finding("fatal", subject, found + leap, leap_remedy(offset.lag, remedy), numbers)]
+
+
+def leap_second_words(lag: float) -> str:
+    """Return what a lag that equals GPS − UTC suggests, or ''."""
+    n = round(abs(lag))
+    if abs(abs(lag) - n) > 0.3 or n not in (*range(13, 19), 36):
+        return ""
+    return f", the leap seconds between UTC and GPS time{' applied twice' if n == 36 else ''}"
+
+
+def leap_remedy(lag: float, otherwise: str) -> str:
+    """Return how to declare a leap-second slip, or `otherwise`."""
+    if not leap_second_words(lag):
+        return otherwise
+    which = "the IMU is in UTC" if lag < 0 else "the GNSS is in UTC"
+    return f"declare the time scale: it looks as if {which} while the other is in GPS time"

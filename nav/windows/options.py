@@ -1,0 +1,78 @@
+"""How a recording is cut into windows, and what is kept of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ...filters.errors import ConfigError
+
+METHODS = ("certified", "robust", "sdp", "voba", "gauss-newton")
+
+
+@dataclass(frozen=True)
+class WindowOptions:
+    """How a recording is cut into windows and what is kept of it.
+
+    Parameters
+    ----------
+    window, step : float
+        Length of a window and distance between their beginnings [s].
+    method : {'certified', 'robust', 'sdp', 'voba', 'gauss-newton'}
+        'certified': the SDP-free solver with all verdicts; 'robust': the same on the largest
+        consensus of the rows; 'sdp': the paper's relaxation; 'gauss-newton' starts from the
+        identity, as in Song et al.'s Table III.
+    clock : {'constant', 'linear', 'per-epoch', 'random-walk'}
+        Model of the receiver's clock drift within a window.
+    clock_walk : float
+        Of the random walk [m/s/√s]; a quartz oscillator's is about 0.1.
+    sigma_local_mps : float
+        1σ per axis of the local velocity, odometer and yaw rate together; added to that of
+        every row.
+    satellites : float, optional
+        Keep this many satellites per epoch, drawn at random; a fraction is the average.
+        Default: all.
+    labels : {'all', 'los'}
+        'los' drops rows labelled as not in line of sight, where the recording has labels.
+    decimate : int
+        Keep every so-manieth epoch.
+    noise : {'assumed', 'fitted'}
+        Of the Doppler: `velocity.range_rate.DopplerNoise` as it is, or fitted to the recording
+        with its correlation (`nav.windows.noise`).
+    min_cn0 : float
+        Weaker signals are left out [dB-Hz]; mostly reflections in a city.
+    level_deg : float, optional
+        1σ per axis of the vehicle's tilt: the up prior of a car on a road (`certified` and
+        `robust`). Default: none.
+    elevation_mask_deg : float
+    seed : int
+        For drawing satellites.
+    """
+
+    window: float = 15.0
+    step: float = 5.0
+    method: str = "certified"
+    clock: str = "random-walk"
+    clock_walk: float = 0.1
+    sigma_local_mps: float = 0.0
+    satellites: float | None = None
+    labels: str = "all"
+    decimate: int = 1
+    noise: str = "assumed"
+    min_cn0: float = 0.0
+    level_deg: float | None = None
+    elevation_mask_deg: float = 10.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise ConfigError.unknown_key(self.method, METHODS, where="--method")
+        if self.labels not in ("all", "los"):
+            raise ConfigError(f"--rows: expected 'all' or 'los', found '{self.labels}'")
+        if self.noise not in ("assumed", "fitted"):
+            raise ConfigError(f"--noise: expected 'assumed' or 'fitted', found '{self.noise}'")
+        if self.level_deg is not None and not 0.0 < self.level_deg <= 45.0:
+            raise ConfigError(f"--level: expected 0 < level ≤ 45°, found {self.level_deg:g}")
+        if not (self.window > 0.0 and self.step > 0.0 and self.decimate >= 1):
+            raise ConfigError("expected window > 0 s, step > 0 s and decimate ≥ 1")
+        if self.satellites is not None and not self.satellites >= 1.0:
+            raise ConfigError(f"--satellites: expected at least 1, found {self.satellites:g}")
