@@ -8,11 +8,13 @@
     series           ImuData, Odometer, Reference
     observations     GnssObservations row by row, and GnssFixes
     fields           what their arrays are held to
+    fix_faults       carried fixes that are none
     physics          gravity and the course against the units and axes declared
     axes             axes of a sensor by name
     gpstime,         GPS seconds from and to calendars; time scales of files
     time_scales
     cache            what is read once and kept
+    placing          what appears whole: written beside its place, put there in one move
 
     formats/         one module a public recording or file format
     great/           the GREAT dataset: reader, options, import, catalogue, writer
