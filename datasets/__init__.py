@@ -8,6 +8,7 @@
     series           ImuData, Odometer, Reference
     observations     GnssObservations row by row, and GnssFixes
     fields           what their arrays are held to
+    fix_faults       carried fixes that are none
     physics          gravity and the course against the units and axes declared
     axes             axes of a sensor by name
     gpstime,         GPS seconds from and to calendars; time scales of files

@@ -20,8 +20,9 @@ from ...filters.rotation import FloatArray
 from ...velocity.mounting import Mounting, calibrate_mounting
 from ..config import AlignmentConfig, Config, FilterConfig, VehicleConfig
 from ..pipeline import navigate
+from .axes import track_turning
 from .findings import Finding
-from .motion import COURSE_SPEED, track_turning
+from .motion import COURSE_SPEED
 from .tracks import Track, tracks
 
 #: A check must take well below a second: so much of a drive is looked at [s].

@@ -89,12 +89,4 @@ def alignment_rows(
     """Pair the Doppler of a window with the local velocity at the same instants."""
     doppler = doppler_rows(observations, pos_e, noise.doppler)
     time = observations.time[doppler.row]
-    _, epoch = np.unique(time, return_inverse=True)
-    return AlignmentRows(
-        doppler.e_e,
-        track.velocity_at(time),
-        doppler.z,
-        np.hypot(doppler.sigma, sigma_local),
-        epoch,
-        time,
-    )
+    return AlignmentRows.paired(doppler, time, track.velocity_at(time), vel_sigma=sigma_local)
