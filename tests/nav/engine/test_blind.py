@@ -9,12 +9,15 @@ from certnav.datasets.sequence import Sequence
 from certnav.datasets.series import ImuData
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.filters.error_model import ATT, POS, VEL
 from certnav.nav.config import Config
 from certnav.nav.config_files import from_tables
-from certnav.nav.engine.blind import blind_spells, is_gap
+from certnav.nav.engine.blind import blind_spells, is_gap, propagate
+from certnav.nav.engine.events import GnssEvent, missing
 from certnav.nav.engine.gnss import gnss_timeline
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate
+from oracles import rigs
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +83,103 @@ def test_a_missing_sample_is_no_gap():
     assert not is_gap(0.02, 0.01) and not is_gap(0.05, 0.01)
     assert is_gap(0.06, 0.01)
     assert not is_gap(0.25, 0.1)  # three intervals of a slow sensor
+
+
+def noise(samples, rate=100.0):
+    rng = np.random.default_rng(3)
+    gyro_b, accel_b = rng.normal(size=(2, samples, 3))
+    return ImuData(np.arange(1, samples + 1) / rate, gyro_b, accel_b)
+
+
+def speed(time, metres_per_second=10.0, kind="velocity"):
+    return GnssEvent(time, kind, np.array([metres_per_second, 0.0, 0.0]), np.eye(3))
+
+
+def repeating(first, last, imu):
+    """The rows first … last are equal."""
+    gyro_b = imu.gyro_b.copy()
+    gyro_b[first : last + 1] = gyro_b[first]
+    return ImuData(imu.time, gyro_b, imu.accel_b)
+
+
+def test_a_sensor_is_frozen_after_a_fifth_of_a_second_and_six_equal_rows():
+    moving = [speed(2.0)]
+    for last, found in ((219, False), (221, True)):
+        spells = blind_spells(repeating(200, last, noise(400)), moving)
+        assert spells == ([(2.01, (last + 1) / 100.0)] if found else [])
+    for last, found in ((24, False), (25, True)):  # at 10 Hz
+        spells = blind_spells(repeating(20, last, noise(40, 10.0)), moving)
+        assert spells == ([(2.1, (last + 1) / 10.0)] if found else [])
+
+
+@pytest.mark.parametrize(("event", "found"), [
+    (speed(1.02), True), (speed(1.0), False), (speed(3.99), True), (speed(4.02), False),
+    (speed(2.5, 0.49), False), (speed(2.5, 0.51), True), (speed(2.5, kind="position"), False),
+    (missing(2.5, "velocity", "too few"), False),
+])  # fmt: skip
+def test_frozen_is_what_repeats_while_gnss_sees_motion(event, found):
+    """Within a second of it, by a velocity that can be used."""
+    imu = repeating(200, 300, noise(600))  # 2.01 … 3.01 s
+    assert bool(blind_spells(imu, [event])) == found
+
+
+def test_one_axis_that_repeats_is_no_frozen_sensor():
+    imu = noise(600)
+    gyro_b = imu.gyro_b.copy()
+    gyro_b[200:300, 0] = 1.0
+    assert blind_spells(ImuData(imu.time, gyro_b, imu.accel_b), [speed(2.5)]) == []
+
+
+def test_spells_that_overlap_are_one_and_those_apart_are_two():
+    imu = repeating(200, 300, noise(900))
+    accel_b = imu.accel_b.copy()
+    accel_b[230:260] = accel_b[230]  # within the other
+    accel_b[500:600] = accel_b[500]
+    spells = blind_spells(ImuData(imu.time, imu.gyro_b, accel_b), [speed(2.5), speed(5.5)])
+    assert spells == [(2.01, 3.01), (5.01, 6.0)]
+
+
+def grown(begin, end, until, sigma=1e-6):
+    """Return σ of velocity, tilt and heading after `until` with one spell on the way."""
+    kalman = rigs.filter_at_rest(12.0, sigma=(1.0, 1e-6, sigma))
+    propagate(kalman, until, [(begin, end)])
+    assert kalman.time == pytest.approx(until)
+    C_nb = rigs.C_EN.T @ kalman.C_eb
+    att = np.sqrt(np.diag(C_nb @ kalman.P[ATT, ATT] @ C_nb.T))
+    return np.sqrt(rigs.C_EN[:, 2] @ kalman.P[VEL, VEL] @ rigs.C_EN[:, 2]), att[0], att[2]
+
+
+@pytest.mark.parametrize(("begin", "end", "until", "size"), [
+    (2.0, 4.0, 5.0, 2.0),
+    (2.0, 4.0, 3.0, 1.0),  # half of it so far
+    (2.0, 2.5, 5.0, 0.25),  # short ones count less: half of half a second
+    (0.0, 1.0, 5.0, 1.0),
+    (2.0, 3.3, 5.0, 1.3),  # in steps, the last of them shorter
+    (6.0, 7.0, 5.0, 0.0),
+])  # fmt: skip
+def test_what_a_car_may_do_unseen(begin, end, until, size):
+    """σ of a rate that lasts: 2 m/s², 0.05 and 0.3 rad/s, times the length."""
+    vertical, tilt, heading = grown(begin, end, until)
+    assert vertical == pytest.approx(2.0 * size, rel=0.02, abs=0.01)
+    assert tilt == pytest.approx(0.05 * size, rel=0.02, abs=1e-3)
+    assert heading == pytest.approx(min(0.3 * size, 1.0), rel=0.02, abs=1e-3)
+
+
+def test_no_heading_is_less_known_than_a_radian():
+    assert grown(1.0, 9.0, 10.0)[2] == pytest.approx(1.0, rel=0.01)
+    assert grown(1.0, 9.0, 10.0, sigma=2.0)[2] == pytest.approx(2.0, rel=0.01)
+
+
+def test_spells_that_are_over_before_it_begins_change_nothing():
+    kalman, other = (rigs.filter_at_rest(6.0) for _ in range(2))
+    for each in (kalman, other):
+        each.propagate(3.0)
+    propagate(kalman, 5.0, [(0.0, 1.0), (1.5, 3.0), (5.0, 6.0)])
+    other.propagate(5.0)
+    np.testing.assert_allclose(kalman.P, other.P, rtol=1e-9)
+    propagate(kalman, 5.5, [(4.0, 5.0), (5.2, 5.4), (5.4, 5.5)])
+    assert kalman.P[VEL, VEL][0, 0] > other.P[VEL, VEL][0, 0] + 1e-4
+    assert kalman.P[POS, POS][0, 0] < 2.0
 
 
 @pytest.mark.parametrize("fault", ["gap", "gyro", "accelerometer"])

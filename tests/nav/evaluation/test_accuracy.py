@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from certnav.filters.earth import C_en_of
+from certnav.filters.earth import C_en_of, lla_to_ecef
 from certnav.filters.errors import DataError
 from certnav.filters.rotation import (
     matrix_from_rotvec,
@@ -20,9 +20,13 @@ from certnav.nav.evaluation.accuracy import (
     attitude_vector_from_rpy,
     evaluate,
     mean_rate_b,
+    normalised_nis,
     remove_misalignment,
     rpy_covariance,
+    rpy_from_attitude_vector,
+    standard_deviation,
     usable_at,
+    without_reference,
 )
 from certnav.nav.solution import Epochs, Update
 
@@ -275,3 +279,171 @@ def test_usable_satellites_in_force():
     assert usable_at(epochs, time).tolist() == [0, 8, 8, 3, 1, 1, 0]
     nothing = Epochs(np.zeros(0), np.zeros(0, int), np.zeros(0, int))
     assert usable_at(nothing, time).tolist() == [-1] * 7
+
+
+def test_sigma_is_that_of_the_filter_at_the_references_epochs(drive):
+    solution, sequence = drive(duration=60.0)
+    trajectory = solution.trajectory
+    n = len(trajectory)
+    sigma = {
+        "cov_pos_n": (2.0, 3.0, 4.0), "cov_vel_n": (0.2, 0.3, 0.4), "cov_att_n": (0.01, 0.02, 0.05)
+    }  # fmt: skip
+    known = dataclasses.replace(
+        trajectory, **{k: np.tile(np.diag(np.square(v)), (n, 1, 1)) for k, v in sigma.items()}
+    )
+    result = evaluate(dataclasses.replace(solution, trajectory=known), sequence)
+    m = len(sequence.reference)
+    np.testing.assert_allclose(result.sigma_pos_n, np.tile(sigma["cov_pos_n"], (m, 1)))
+    np.testing.assert_allclose(result.sigma_vel_n, np.tile(sigma["cov_vel_n"], (m, 1)))
+    # Nearly level: roll and pitch are the tilt seen along heading, north and east mixed.
+    heading = sequence.reference.rpy[:, 2]
+    roll = np.hypot(0.01 * np.cos(heading), 0.02 * np.sin(heading))
+    pitch = np.hypot(0.01 * np.sin(heading), 0.02 * np.cos(heading))
+    np.testing.assert_allclose(result.sigma_rpy[:, 0], roll, rtol=0.1)
+    np.testing.assert_allclose(result.sigma_rpy[:, 1], pitch, rtol=0.1)
+    np.testing.assert_allclose(result.sigma_rpy[:, 2], 0.05, rtol=0.03)
+    expected = np.sum(np.square(result.error_pos_n / sigma["cov_pos_n"]), axis=1)
+    np.testing.assert_allclose(result.nees_position, expected)
+    assert result.consistency["nees_position_mean"] == pytest.approx(expected.mean())
+
+
+def test_an_evaluation_says_what_it_compared_with(drive):
+    solution, sequence = drive(noise=0.0, duration=30.0, lever_b=(1.0, 0.0, 0.0))
+    result = evaluate(solution, sequence)
+    assert result.has_reference and result.left_out == 0
+    assert (result.source, result.point) == ("analytic motion", "antenna")
+    np.testing.assert_array_equal(result.time, sequence.reference.time)
+    np.testing.assert_allclose(lla_to_ecef(*result.ref_lla.T), sequence.reference.pos_e, atol=1e-6)
+    assert not without_reference().has_reference
+    bare = without_reference(1.5)
+    assert bare.consistency == {"nees_position_mean": None, "nis_mean": 1.5}
+    assert bare.time.shape == (0,) and bare.ref_lla.shape == (0, 3)
+    assert bare.nees_position.shape == (0,) and np.isnan(bare.misalignment_rpy).all()
+
+
+def test_one_common_epoch_is_a_comparison(drive):
+    solution, sequence = drive(noise=0.0)
+    time = sequence.reference.time
+    once = with_rows(solution, np.abs(solution.trajectory.time - time[100]) < 1e-6)
+    assert len(once.trajectory) == 1
+    result = evaluate(once, sequence)
+    assert result.has_reference and result.left_out == len(time) - 1
+    assert result.metrics["horizontal_max_m"] < 1e-6
+
+
+def test_how_long_a_hole_may_be(drive):
+    solution, sequence = drive(noise=0.0)
+    t = solution.trajectory.time - solution.trajectory.time[0]
+    holed = with_rows(solution, (t < 40.05) | (t > 42.95))
+    assert evaluate(holed, sequence).left_out == 14
+    assert evaluate(holed, sequence, max_gap=3.1).left_out == 0
+
+
+def test_an_empty_solution_covers_nothing(drive):
+    solution, sequence = drive(noise=0.0)
+    none = with_rows(solution, np.zeros(len(solution.trajectory), dtype=bool))
+    with pytest.raises(DataError, match=r"made-up: the solution \(empty\) covers no epoch"):
+        evaluate(none, sequence)
+    late = with_reference(sequence, time=sequence.reference.time + 150.2)
+    first, last = sequence.reference.time[[0, -1]]
+    spans = (
+        rf"the solution \({first:.1f}…{last:.1f} s\) covers no epoch of the reference "
+        rf"\({first + 150.2:.1f}…{last + 150.2:.1f} s\)"
+    )
+    with pytest.raises(DataError, match=spans):
+        evaluate(solution, late)
+
+
+def test_a_covariance_that_is_none_has_no_nees(drive):
+    solution, sequence = drive(noise=0.0, duration=20.0)
+    cov = solution.trajectory.cov_pos_n.copy()
+    cov[50:101] = 0.0
+    flat = dataclasses.replace(
+        solution, trajectory=dataclasses.replace(solution.trajectory, cov_pos_n=cov)
+    )
+    result = evaluate(shifted(flat, (1.0, 0.0, 0.0)), sequence)
+    since = result.time - result.time[0]
+    none = np.isnan(result.nees_position)
+    np.testing.assert_array_equal(none, (since > 4.999) & (since < 10.001))
+    assert result.consistency["nees_position_mean"] == pytest.approx(
+        result.nees_position[~none].mean()
+    )
+    cov[:] = 0.0
+    assert evaluate(flat, sequence).consistency["nees_position_mean"] is None
+
+
+def test_nis_of_a_kind_alone():
+    updates = [
+        Update(0.0, "position", (), (1.0, 1.0), 2.0, True),
+        Update(1.0, "velocity", (), (1.0, 2.0), 5.0, True),
+        Update(2.0, "velocity", (), (1.0,), np.nan, True),
+        Update(3.0, "velocity", (), (9.0,), 81.0, False),
+    ]
+    assert normalised_nis(updates, "velocity") == 2.5
+    assert normalised_nis(updates, "position") == 1.0
+    assert normalised_nis(updates) == 1.75
+    assert normalised_nis(updates, "nhc") is None and normalised_nis([]) is None
+
+
+def test_a_heading_alone_is_averaged_around_the_circle():
+    """179° and −179° differ by two degrees, not by 358."""
+    heading = np.radians([10.0, 100.0, 200.0, 300.0])
+    error = np.radians([179.0, -179.0, 179.5, -179.5])
+    C_nb = matrix_from_rpy(np.stack([np.zeros(4), np.zeros(4), heading + error], -1))
+    ref = np.stack([np.full(4, np.nan), np.full(4, np.nan), heading], -1)
+    ref[3] = np.nan
+    left, found = remove_misalignment(C_nb, ref)
+    assert np.degrees(abs(found[2])) == pytest.approx(179.833, abs=1e-2)
+    assert np.isnan(found[:2]).all() and np.isnan(left[:, :2]).all() and np.isnan(left[3, 2])
+    np.testing.assert_allclose(np.degrees(left[:3, 2]), [-0.8333, 1.1667, -0.3333], atol=0.01)
+    unknown = np.full((4, 3), np.nan)
+    left, found = remove_misalignment(C_nb, unknown)
+    assert np.isnan(left).all() and np.isnan(found).all()
+
+
+def test_misalignment_is_that_of_the_epochs_that_are_known():
+    ref = np.zeros((10, 3))
+    ref[:, 2] = np.linspace(0.0, 2.0, 10)
+    M = matrix_from_rpy([0.02, -0.03, 0.5])
+    C_nb = matrix_from_rpy(ref) @ M
+    ref[4, 0] = np.nan
+    error, found = remove_misalignment(C_nb, ref)
+    np.testing.assert_allclose(found, [0.02, -0.03, 0.5], atol=1e-12)
+    assert np.isnan(error[4, 0])
+    np.testing.assert_allclose(np.delete(error, 4, 0), 0.0, atol=1e-12)
+
+
+def test_the_rate_at_the_ends_is_that_of_what_is_left(drive):
+    _, sequence = drive(duration=5.0)
+    imu = sequence.imu
+    rate = np.where(imu.time[:, None] < imu.time[3] - 1e-6, [1.0, 0.0, 0.0], [0.0, 2.0, 0.0])
+    made = dataclasses.replace(imu, gyro_b=np.tile([0.0, 0.0, 3.0], (len(imu), 1)) + rate)
+    first = imu.time[0] - imu.interval
+    # Three samples of the first rate and two of the second in the half window that is left.
+    at = mean_rate_b(made, np.array([first]))[0]
+    np.testing.assert_allclose(at, [0.6, 0.8, 3.0], atol=1e-4)
+    # Of 60 ms, as asked for, one sample more of the first.
+    at = mean_rate_b(made, np.array([first]), 0.06)[0]
+    np.testing.assert_allclose(at, [1.0, 0.0, 3.0], atol=1e-4)
+    np.testing.assert_allclose(mean_rate_b(made, imu.time[-1:])[0], [0.0, 2.0, 3.0], atol=1e-4)
+
+
+def test_both_ways_between_the_attitude_vector_and_the_angles():
+    rpy = np.array([[0.3, -0.4, 2.0], [-0.1, 1.2, -3.0]])
+    there, back = attitude_vector_from_rpy(rpy), rpy_from_attitude_vector(rpy)
+    assert there.shape == back.shape == (2, 3, 3)
+    np.testing.assert_allclose(there @ back, np.tile(np.eye(3), (2, 1, 1)), atol=1e-14)
+
+
+def test_a_variance_that_rounding_made_negative_is_none():
+    cov = np.stack([np.diag([4.0, 9.0, -1e-20]), np.diag([1.0, 0.0, 16.0])])
+    np.testing.assert_array_equal(standard_deviation(cov), [[2.0, 3.0, 0.0], [1.0, 0.0, 4.0]])
+
+
+def test_a_lone_epoch_stays_in_force():
+    """There is no interval to say when it is too old."""
+    epochs = Epochs(np.array([10.0]), np.array([9]), np.array([8]))
+    time = np.array([9.9, 10.0 - 5e-7, 10.0, 1e6])
+    assert usable_at(epochs, time).tolist() == [0, 8, 8, 8]
+    slow = Epochs(np.array([0.0, 2.0, 4.0, 5.0]), np.full(4, 9), np.array([1, 2, 3, 4]))
+    assert usable_at(slow, np.array([10.0, 10.01])).tolist() == [4, 0]

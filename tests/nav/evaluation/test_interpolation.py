@@ -43,3 +43,55 @@ def test_covered_at_edges_and_gaps():
     # A solution that is slow throughout is not all gap.
     assert covered(2.0 * np.arange(5.0), np.array([3.0]), max_gap=1.0).all()
     assert covered(np.array([5.0]), np.array([4.0, 5.0]), 1.0).tolist() == [False, True]
+
+
+def test_a_gap_of_just_the_longest_step_is_none():
+    nodes = np.array([0.0, 0.25, 0.5, 0.75, 1.75, 3.0])
+    assert covered(nodes, np.array([1.25, 2.0]), max_gap=1.0).tolist() == [True, False]
+    # Half a second is the usual step here, so that three quarters of one are no gap.
+    slow = np.array([0.0, 0.5, 1.0, 1.75, 2.625, 3.125])
+    assert covered(slow, np.array([1.5, 2.0]), max_gap=0.1).tolist() == [True, False]
+
+
+def test_nothing_covers_nothing_and_one_epoch_itself(drive):
+    time = np.array([1.0, 2.0])
+    none = covered(np.zeros(0), time, 1.0)
+    assert none.dtype == bool and none.tolist() == [False, False]
+    solution, _ = drive(noise=0.0, duration=10.0, rate=1.0)
+    track = solution.trajectory
+    one = next(track.parts(1))
+    at = interpolate(one, one.time)
+    np.testing.assert_array_equal(at.pos_e, one.pos_e)
+    np.testing.assert_allclose(at.C_eb, one.C_eb, atol=1e-15)
+    nowhere = interpolate(track, np.zeros(0))
+    assert len(nowhere) == 0 and nowhere.C_eb.shape == (0, 3, 3)
+    for wrong in (track.time[-1:] + 0.1, np.array([track.time[3], track.time[-1] + 0.1])):
+        with pytest.raises(DataError, match="outside"):
+            interpolate(track, wrong)
+    empty = dataclasses.replace(
+        track, **{f.name: getattr(track, f.name)[:0] for f in dataclasses.fields(track)}
+    )
+    with pytest.raises(DataError, match="outside"):
+        interpolate(empty, np.zeros(0))
+
+
+def test_everything_else_is_linear(drive):
+    """Each field on its own line: none is taken for another."""
+    solution, _ = drive(noise=0.0, duration=4.0, rate=1.0)
+    track = solution.trajectory
+    lines = {}
+    for k, name in enumerate((
+        "vel_e", "gyro_bias", "accel_bias", "cov_pos_n", "cov_vel_n", "cov_att_n",
+        "std_gyro_bias", "std_accel_bias",
+    )):  # fmt: skip
+        shape = getattr(track, name).shape
+        slope = (k + 1.0) * np.arange(1.0, 1.0 + np.prod(shape[1:])).reshape(shape[1:])
+        lines[name] = slope
+    t = track.time - track.time[0]
+    made = dataclasses.replace(
+        track, **{n: np.multiply.outer(t, slope) for n, slope in lines.items()}
+    )
+    at = interpolate(made, track.time[0] + np.array([0.25, 3.75]))
+    for name, slope in lines.items():
+        expected = np.multiply.outer([0.25, 3.75], slope)
+        np.testing.assert_allclose(getattr(at, name), expected, atol=1e-5, err_msg=name)

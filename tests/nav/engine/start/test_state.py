@@ -1,0 +1,84 @@
+"""What a start knows becomes the filter's state and covariance, in the filter's axes."""
+
+import numpy as np
+import pytest
+
+from certnav.alignment.levelling import InitialAttitude
+from certnav.filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
+from certnav.filters.rotation import matrix_from_rpy
+from certnav.filters.strapdown import NavState
+from certnav.nav.config import FilterConfig
+from certnav.nav.engine.start.state import Start, start_filter
+from oracles import rigs
+
+C_EB = rigs.C_EN @ matrix_from_rpy([0.1, -0.2, 1.0])
+STREAM = rigs.stream_at_rest(C_EB, 4.0)
+MODEL = ErrorModel(rigs.IMU)
+
+
+def start(sigma_gyro_bias=None, method="level+course", **more):
+    attitude = InitialAttitude(
+        1.0, C_EB, C_EB @ np.diag([1e-4, 4e-4, 9e-4]) @ C_EB.T, 0.03,
+        np.array([1e-3, -2e-3, 3e-3]), sigma_gyro_bias, method, "as it was",
+    )  # fmt: skip
+    state = NavState(1.0, rigs.PLACE, np.array([1.0, 2.0, 3.0]), C_EB)
+    cov = np.diag([4.0, 5.0, 6.0]), np.diag([0.1, 0.2, 0.3])
+    return Start(attitude, state, *cov, **more)
+
+
+def filter_of(start, sigma_lever=0.0, **config):
+    calibration = rigs.calibration(sigma=sigma_lever)
+    return start_filter(start, STREAM, calibration, MODEL, FilterConfig(**config))
+
+
+def test_the_attitudes_covariance_is_turned_into_body_axes():
+    kalman = filter_of(start())
+    np.testing.assert_allclose(kalman.P[ATT, ATT], np.diag([1e-4, 4e-4, 9e-4]), atol=1e-12)
+    np.testing.assert_allclose(kalman.P[POS, POS], np.diag([4.0, 5.0, 6.0]))
+    np.testing.assert_allclose(kalman.P[VEL, VEL], np.diag([0.1, 0.2, 0.3]))
+    assert kalman.time == 1.0
+    np.testing.assert_array_equal(kalman.vel_e, [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(kalman.gyro_bias, [1e-3, -2e-3, 3e-3])
+
+
+def test_a_lever_arm_that_is_not_known_is_a_position_that_is_not():
+    kalman = filter_of(start(), sigma_lever=3.0)
+    np.testing.assert_allclose(kalman.P[POS, POS], np.diag([13.0, 14.0, 15.0]))
+
+
+def test_a_standstill_tells_the_gyro_bias_else_its_turn_on_spread_holds():
+    kalman = filter_of(start(sigma_gyro_bias=2e-4))
+    np.testing.assert_allclose(kalman.P[GYRO_BIAS, GYRO_BIAS], 4e-8 * np.eye(3))
+    spread = rigs.IMU.gyro_bias_initial_sigma**2 + rigs.IMU.gyro_bias_sigma**2
+    kalman = filter_of(start())
+    np.testing.assert_allclose(kalman.P[GYRO_BIAS, GYRO_BIAS], spread * np.eye(3))
+
+
+def test_a_window_that_was_certified_hands_on_its_correlations():
+    A = np.random.default_rng(0).normal(size=(12, 12))
+    joint = A @ A.T
+    made = start(sigma_gyro_bias=2e-4, joint_cov=joint, accel_bias=np.array([0.1, 0.2, 0.3]))
+    kalman = filter_of(made)
+    rows = np.r_[6:9, 3:6, 9:15]  # attitude, velocity, gyro bias, accelerometer bias
+    np.testing.assert_array_equal(kalman.P[np.ix_(rows, rows)], joint)
+    np.testing.assert_allclose(kalman.P[POS, POS], np.diag([4.0, 5.0, 6.0]))
+    assert not kalman.P[POS, ATT].any() and kalman.P[ACCEL_BIAS, GYRO_BIAS].any()
+    np.testing.assert_array_equal(kalman.accel_bias, [0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize(("rate", "rows"), [(10.0, 31), (2.0, 7), (0.0, 301)])
+def test_rows_are_recorded_at_the_output_rate(rate, rows):
+    kalman = filter_of(start(), output_rate_hz=rate)
+    kalman.propagate(4.0)
+    assert len(kalman.rows) == rows and kalman.tape is None
+    assert filter_of(start(), smooth=True).tape is not None
+
+
+def test_the_report_says_how_it_was_found():
+    report = start().report(began=0.25)
+    assert (report.status, report.method, report.time) == ("aligned", "level+course", 1.0)
+    assert report.waited == 0.75 and report.sigma_heading == 0.03
+    assert report.message == "as it was" and report.bound is None and report.verdicts == ()
+    assert start(method="given").report(0.0).status == "given"
+    tried = start(attempts=((1.0, "no"), (2.0, "yes")))
+    assert tried.report(0.0).attempts == ((1.0, "no"), (2.0, "yes"))

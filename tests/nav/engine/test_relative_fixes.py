@@ -1,0 +1,118 @@
+"""Relative positions put in the place of single-point ones, by what RTKLIB is told to find."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from certnav.datasets.observations import GnssFixes
+from certnav.filters.errors import DataError
+from certnav.nav.config_files import from_tables
+from certnav.nav.engine.events import GnssEvent, missing
+from certnav.nav.engine.relative import base_files, with_relative_positions
+from oracles import rigs
+
+EAST = rigs.C_EN[:, 1]
+BASE = Path("base.20o")
+SEQUENCE = SimpleNamespace(rover_file=Path("rover.20o"), navigation=("nav",), base=(BASE,))
+
+
+def single(times: Iterable[float]):
+    return [
+        GnssEvent(t, "position", rigs.PLACE, 9.0 * np.eye(3), rigs.NAMES, shared=True)
+        for t in times
+    ]
+
+
+@pytest.fixture
+def finds(monkeypatch):
+    """Relative positioning that finds positions so far east of the single-point ones."""
+
+    def tell(times, metres, quality="fixed", failed=()):
+        n = len(times)
+        pos_e = rigs.PLACE + np.broadcast_to(metres, n)[:, None] * EAST
+        fixes = GnssFixes(
+            np.asarray(times, dtype=float), pos_e, np.tile(0.01 * np.eye(3), (n, 1, 1)),
+            np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan), np.full(n, 8),
+            np.broadcast_to(quality, n),
+        )  # fmt: skip
+        asked = {}
+
+        def fake(rover, base, navigation, **options):
+            asked.update(options, rover=rover, base=base, navigation=navigation)
+            return SimpleNamespace(
+                fixes=fixes, failed=failed, base_pos_e=rigs.PLACE, base_source="declared"
+            )
+
+        monkeypatch.setattr("certnav.datasets.rtklib.relative_positions", fake)
+        return asked
+
+    return tell
+
+
+def replaced(events, **gnss):
+    config = from_tables({"gnss": {"position": "rtk", **gnss}}).gnss
+    return with_relative_positions(events, "screened", SEQUENCE, config)
+
+
+def test_each_takes_the_place_of_the_one_of_its_epoch(finds):
+    """Within 10 ms; where there is none, before or between them, it is left out."""
+    events = single([10.0, 11.0])
+    events.insert(1, missing(10.5, "position", "no fix"))
+    asked = finds([9.5, 10.005, 10.5, 11.011], 5.0, ["fixed", "float", "fixed", "fixed"])
+    out, said = replaced(events, position_sigma_scale=2.0, position_sigma_floor_m=0.3)
+    np.testing.assert_allclose(out[0].value_e, rigs.PLACE + 5.0 * EAST)
+    np.testing.assert_allclose(out[0].cov_e, (0.04 + 0.09) * np.eye(3))
+    assert (out[0].time, out[0].satellites, out[0].shared) == (10.0, rigs.NAMES, True)
+    assert out[1] is events[1] and out[2] is events[2]
+    assert said.startswith("RTK: 1 float, 1 single; base at [") and said.endswith("m (declared)")
+    assert asked["rover"] is SEQUENCE.rover_file and asked["base"] == (BASE,)
+    assert asked["screened"] == "screened" and asked["base_pos_e"] is None
+
+
+def test_all_of_them_leave_no_single_one(finds):
+    finds([10.0, 11.0], 0.0)
+    assert replaced(single([10.0, 11.0]))[1].startswith("RTK: 2 fixed; base")
+
+
+@pytest.mark.parametrize(("mask", "asked_for"), [(15.0, 15.0), (-5.0, 0.0)])
+def test_what_is_configured_reaches_it(finds, mask, asked_for):
+    asked = finds([10.0], 0.0)
+    replaced(single([10.0]), elevation_mask_deg=mask, base_position_e_m=[1.0, 2.0, 3.0])
+    assert np.degrees(asked["elevation_mask"]) == pytest.approx(asked_for)
+    assert asked["base_pos_e"] == (1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(("metres", "refused"), [
+    ([29.0] * 3, False), ([31.0] * 3, True), ([500.0, 0.0, 0.0], False), ([0.0, 40.0, 40.0], True),
+])  # fmt: skip
+def test_thirty_metres_throughout_are_a_wrong_base(finds, metres, refused):
+    """The median: one that is wild says nothing about the base."""
+    finds([10.0, 11.0, 12.0], np.array(metres))
+    events = single([10.0, 11.0, 12.0])
+    if not refused:
+        replaced(events)
+        return
+    with pytest.raises(DataError, match=rf"are {np.median(metres):.0f} m \(median\).*declared"):
+        replaced(events)
+
+
+def test_none_at_all_is_an_error_where_there_was_something_to_find(finds):
+    finds([], 0.0, failed=[(10.0, "no base data"), (11.0, "few"), (12.0, "no base data")])
+    with pytest.raises(DataError, match="at any of 2 epochs, mostly: no base data"):
+        replaced(single([10.0, 11.0]))
+    finds([], 0.0)
+    with pytest.raises(DataError, match="at any of 1 epochs") as error:
+        replaced(single([10.0]))
+    assert "mostly" not in str(error.value)
+    lost = [missing(10.0, "position", "no fix")]
+    out, said = replaced(lost)
+    assert out == lost and said.startswith("RTK: no positions; base")
+
+
+def test_a_base_that_is_configured_goes_before_the_recordings(tmp_path):
+    config = from_tables({"gnss": {"base": str(tmp_path / "mine.20o")}}).gnss
+    assert base_files(config, SEQUENCE) == (tmp_path / "mine.20o",)
+    assert base_files(from_tables({}).gnss, SEQUENCE) == (BASE,)
