@@ -28,6 +28,8 @@ SCALES = {
 }
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _CALENDAR = ("gps-calendar", "utc")
+#: A logger's week number is late by less than this [s].
+_LATE = 60.0
 # Plausible numbers per scale: 1980 … 2100, or one week and a day.
 _LIMITS = {
     "gps": (1e8, 3.8e9),
@@ -49,12 +51,15 @@ class TimeScale:
     unit : {'s', 'ms', 'us', 'ns'}
     offset : float
         Added to the file's stamps [s]: a correction, or the start of a clock that counts from it.
+    rate : float, optional
+        Rows a second, for stamps that have been rounded; see `evenly_spaced`.
     """
 
     name: str
     week: int | None = None
     unit: str = "s"
     offset: float = 0.0
+    rate: float | None = None
 
     @property
     def is_text(self) -> bool:
@@ -90,7 +95,7 @@ def gps_time(table: Table, scale: TimeScale, numbers: FloatArray, text: list[str
     elif scale.name == "gps-week-sow":
         _within(table, "GPS week", numbers[:, 0], 0.0, 9999.0, "gps-sow needs one column only")
         _within(table, "seconds of week", numbers[:, 1], *_LIMITS["gps-sow"], "columns exchanged?")
-        time = gpstime.from_week_sow(numbers[:, 0], numbers[:, 1])
+        time = gpstime.from_week_sow(numbers[:, 0] + late_weeks(numbers), numbers[:, 1])
     else:
         seconds = numbers[:, 0] * UNITS[scale.unit] + scale.offset
         if scale.name in _LIMITS:
@@ -105,6 +110,69 @@ def gps_time(table: Table, scale: TimeScale, numbers: FloatArray, text: list[str
             time = gpstime.from_week_sow(scale.week + np.cumsum(rollover), seconds)
         return time
     return time + scale.offset
+
+
+def late_weeks(week_and_sow: FloatArray) -> FloatArray:
+    """Return what to add to week numbers that change before or after the seconds of week do.
+
+    Week and seconds come from two tasks of a logger; at the end of a week one of them is late. A
+    row is mended where its week is one off from that of the others counted on, and its seconds
+    are within a minute of the week's end; otherwise nothing is touched.
+
+    Parameters
+    ----------
+    week_and_sow : ndarray, shape (n, 2)
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Zero but for the rows to mend.
+    """
+    week, sow = week_and_sow.T
+    ends = np.cumsum(np.diff(sow, prepend=sow[:1]) < -gpstime.SECONDS_PER_WEEK / 2)
+    counted = week - ends
+    off = float(np.median(counted)) - counted
+    late = (off == 1.0) & (sow < _LATE)
+    early = (off == -1.0) & (sow > gpstime.SECONDS_PER_WEEK - _LATE)
+    return off if ((off == 0.0) | late | early).all() else np.zeros(week.size)
+
+
+def evenly_spaced(table: Table, time: FloatArray, rate: float) -> FloatArray:
+    """Return times at an even rate in place of rounded stamps, which must agree with them.
+
+    Parameters
+    ----------
+    table : Table
+        Where the stamps come from, for the message.
+    time : ndarray, shape (n,)
+        Rounded to the nearest, never decreasing [s].
+    rate : float
+        Rows a second [Hz].
+
+    Raises
+    ------
+    DataError
+        A stamp further than their resolution from its even time: lost rows, or another rate.
+    """
+    step = np.diff(time)
+    if not (step > 0.0).any() or step.min() < 0.0:
+        return time  # for `increasing` to refuse
+    resolution = float(np.median(step[step > 0.0]))
+    even = np.arange(time.size) / rate
+    late = time - even
+    first = 0.5 * float(late.min() + late.max())
+    bad = np.abs(late - first) > 0.5 * resolution + 1.0 / rate
+    if bad.any():
+        k = int(np.argmax(bad))
+        own = (time.size - 1) / (time[-1] - time[0])
+        raise DataError(
+            f"time: expected rows at {rate:g} Hz (rate_hz), found {time[k]:.10g}, "
+            f"{abs(late[k] - first):.3g} s from the even time of this row",
+            file=table.file,
+            line=int(table.line[k]),
+            remedy=f"rows are missing, or the rate is another (on average {own:.6g} Hz)",
+        )
+    return first + even
 
 
 def _within(

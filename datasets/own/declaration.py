@@ -54,7 +54,7 @@ VELOCITY_FRAMES = ("ned", "enu", "ecef")
 GNSS_FORMATS = ("csv", "rtklib", "great-pvt", "kf-gins", "nmea", "ubx")
 REFERENCE_FORMATS = ("csv", "inertial-explorer", "kf-gins", "rtklib")
 
-_TIME_KEYS = ("time", "time_scale", "week", "time_unit", "time_offset_s")
+_TIME_KEYS = ("time", "time_scale", "week", "time_unit", "time_offset_s", "rate_hz")
 _PVT_KEYS = (
     *("position", "position_frame", "angle_unit", "height", "geoid_m"),
     *("velocity", "velocity_frame", "velocity_unit"),
@@ -221,7 +221,14 @@ class Declaration:
                 raise merged.refuse("week", "a GPS week number")
         unit = merged.choice("unit", UNITS, 'unit = "s"', default="s")
         offset = merged.numbers("offset_s", (1,), "offset_s = 0.0", np.zeros(1))
-        return TimeScale(scale, None if week is None else int(week[0]), unit, float(offset[0]))
+        rate = None
+        if section.has("rate_hz"):
+            rate = float(section.numbers("rate_hz", (1,), "")[0])
+            if not rate > 0.0:
+                raise section.refuse("rate_hz", "rows a second, above zero")
+        return TimeScale(
+            scale, None if week is None else int(week[0]), unit, float(offset[0]), rate
+        )
 
     def week(self, section: Section) -> int:
         """Return the GPS week of a file that holds none: of its section, or of [time]."""

@@ -7,6 +7,8 @@ What numbers show is filled in with its evidence; where only the user can know, 
 from __future__ import annotations
 
 import json
+import os
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -29,6 +31,9 @@ _COLUMN = 44
 _SPEEDS = "m/s, km/h or knots"
 #: Stamps this far apart may be in another unit than seconds.
 _LONG_STEP = 2.0
+# A frame of a known class: the two bytes of its start alone are "µb", as in µbar.
+_UBX = re.compile(rb"\xb5b[\x01-\x06\x09-\x0b\x0d\x10\x13\x21\x27\x28]")
+_NMEA = re.compile(rb"(?:^|[\s\xbf])\$(?:G[ABILNPQ]|B[DC]|QZ)[A-Z]{3},")
 
 
 def draft_declaration(files: Sequence[str | Path]) -> str:
@@ -52,7 +57,7 @@ def draft_declaration(files: Sequence[str | Path]) -> str:
     paths = [Path(f) for f in files]
     if not paths:
         raise DataError("no files named", remedy="certnav declare imu.csv gnss.csv …")
-    home = paths[0].resolve().parent
+    home = _absolute(paths[0]).parent
     sections: dict[str, list[str]] = {}
     rinex: dict[str, list[str]] = {"O": [], "N": []}
     for path in paths:
@@ -115,8 +120,13 @@ def _line(key: str, value: object, comment: str = "") -> str:
     return f"{text:<{_COLUMN}}  # {comment}" if comment else text
 
 
+def _absolute(path: Path) -> Path:
+    """Return the absolute path with links as they are: the declaration lies beside the links."""
+    return Path(os.path.abspath(path))
+
+
 def _relative(path: Path, home: Path) -> str:
-    full = path.resolve()
+    full = _absolute(path)
     return str(full.relative_to(home)) if full.is_relative_to(home) else str(full)
 
 
@@ -150,9 +160,9 @@ def _draft_file(path: Path, name: str) -> tuple[str, list[str]]:
     file = _line("file", name)
     with path.open("rb") as stream:
         head = stream.read(4096)
-    if b"\xb5\x62" in head:
+    if _UBX.search(head):
         return "gnss", [file, _line("format", "ubx")]
-    if head.lstrip()[:2] in (b"$G", b"$B"):
+    if _NMEA.search(head):
         return "gnss", [
             file,
             _line("format", "nmea"),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ..text.columns import Column, Columns, open_text, read_columns
 from ..text.tables import increasing
-from ..time_scales import TimeScale, gps_time
+from ..time_scales import TimeScale, evenly_spaced, gps_time, late_weeks
 from .declaration import ANGLE_UNITS, POSITION_FRAMES, SPEED_UNITS, VELOCITY_FRAMES, Section
 
 #: From the axes of a declared velocity to north-east-down.
@@ -30,6 +31,14 @@ _VELOCITY = 'velocity = ["vn", "ve", "vd"]'
 _SPEED_SHARE = 0.3
 #: … and this much [m/s], at speeds above `_MIN_SPEED` [m/s].
 _SPEED_FLOOR, _MIN_SPEED = 0.5, 2.0
+
+
+class Timed(NamedTuple):
+    """The columns of a file with their GPS time [s], and what was done to their stamps."""
+
+    columns: Columns
+    time: FloatArray
+    notes: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +81,7 @@ def read_timed(
     numbers: dict[str, tuple[Column, ...]],
     text: dict[str, tuple[Column, ...]] | None = None,
     may_miss: tuple[str, ...] = (),
-) -> tuple[Columns, FloatArray]:
+) -> Timed:
     """Return the columns of a section's file and their GPS time, which has to increase."""
     separator = section.text("separator", "", default="") or None
     source = open_text(section.path(), separator)
@@ -89,8 +98,18 @@ def read_timed(
         columns.numbers.get("time", np.empty((0, 0))),
         columns.text.get("time", []),
     )
+    notes, file = [], columns.table.file.name
+    if scale.rate is not None:
+        time = evenly_spaced(columns.table, time, scale.rate)
+        notes.append(f"{file}: rounded stamps replaced by {scale.rate:g} Hz, as declared")
+    if scale.name == "gps-week-sow" and (late := late_weeks(columns.numbers["time"])).any():
+        line = int(columns.table.line[np.flatnonzero(late)[0]])
+        notes.append(
+            f"{file}: the week number of {np.count_nonzero(late)} rows from line {line} was not "
+            "in step with the seconds of week at the week's end: mended"
+        )
     increasing(columns.table, time, "time")
-    return columns, time
+    return Timed(columns, time, notes)
 
 
 def read_pvt(
@@ -132,7 +151,7 @@ def read_pvt(
             numbers |= _deviation_columns(section, what)
     may_miss = tuple(k for k in ("velocity", *(extra or {})) if k in {**numbers, **(extra or {})})
     may_miss += tuple(k for k in numbers if k.startswith("velocity_"))
-    columns, time = read_timed(section, scale, {**numbers, **(extra or {})}, text, may_miss)
+    columns, time, stamps = read_timed(section, scale, {**numbers, **(extra or {})}, text, may_miss)
     pos_e, notes = _position(section, frame, columns)
     n = time.size
     C_en = C_en_of(pos_e)
@@ -153,7 +172,7 @@ def read_pvt(
         vel_e,
         _covariance(section, columns, "position", C_ep, deviations),
         _covariance(section, columns, "velocity", C_ev, deviations and "velocity" in numbers),
-        notes,
+        (*stamps, *notes),
     )
 
 

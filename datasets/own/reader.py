@@ -90,6 +90,7 @@ def read_declared(path: str | Path) -> Sequence:
     reference, reference_notes = read_reference(declared, lever_b, wheels)
     time, course = _course(fixes, reference, observations, navigation)
     physics_notes = _verify_imu(declared, imu, C_bv, time, course)
+    odometer, odometer_notes = _odometer(declared)
     relative = declared.time_scale(declared.sections["imu"]).is_relative
     return Sequence(
         name=declared.name,
@@ -98,7 +99,7 @@ def read_declared(path: str | Path) -> Sequence:
         observations=observations,
         navigation=navigation,
         fixes=fixes,
-        odometer=_odometer(declared),
+        odometer=odometer,
         reference=reference,
         time_scale="relative" if relative else "gps",
         rover_file=rover,
@@ -108,6 +109,7 @@ def read_declared(path: str | Path) -> Sequence:
             f"IMU noise: {spec.name}, {spec.source}",
             f"lever arm IMU→antenna {lever_b} m (forward, right, down), as declared",
             *fix_notes,
+            *odometer_notes,
             *reference_notes,
         ),
     )
@@ -144,10 +146,10 @@ def _imu(declared: Declaration) -> tuple[ImuData, list[str]]:
         "accel": section.columns("accel", (3,), 'accel = ["ax", "ay", "az"]'),
     }
     kind = section.choice("samples", ("mean", "instant"), 'samples = "mean"', default="mean")
-    columns, time = read_timed(section, declared.time_scale(section), numbers)
+    columns, time, stamps = read_timed(section, declared.time_scale(section), numbers)
     if time.size < 2:
         raise DataError(f"expected at least 2 rows, found {time.size}", file=columns.table.file)
-    notes = [sampling_note(time, f"IMU {columns.table.file.name}")]
+    notes = [sampling_note(time, f"IMU {columns.table.file.name}"), *stamps]
     parts = []
     for key, (factor, increments) in (
         ("gyro", GYRO_UNITS[gyro_unit]),
@@ -282,10 +284,10 @@ def _fixes_of_format(
     return fixes, list(notes)
 
 
-def _odometer(declared: Declaration) -> Odometer | None:
+def _odometer(declared: Declaration) -> tuple[Odometer | None, list[str]]:
     section = declared.section("odometer")
     if section is None:
-        return None
+        return None, []
     speed_unit = section.choice("speed_unit", SPEED_UNITS, 'speed_unit = "m/s"')
     numbers = {"speed": section.columns("speed", (1,), 'speed = "speed"')}
     factor = 0.0
@@ -296,12 +298,13 @@ def _odometer(declared: Declaration) -> Odometer | None:
             "yaw_rate_axis", ("down", "up"), 'yaw_rate_axis = "up"', "up: left turns positive"
         )
         factor = GYRO_UNITS[unit][0] * (1.0 if axis == "down" else -1.0)
-    columns, time = read_timed(section, declared.time_scale(section), numbers)
-    return Odometer(
+    columns, time, notes = read_timed(section, declared.time_scale(section), numbers)
+    odometer = Odometer(
         time=time,
         speed=columns.numbers["speed"][:, 0] * SPEED_UNITS[speed_unit],
         yaw_rate=columns.numbers["yaw_rate"][:, 0] * factor if factor else None,
     )
+    return odometer, notes
 
 
 def _course(

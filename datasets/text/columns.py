@@ -5,10 +5,8 @@ Columns are numbered from 1, as in a spreadsheet or awk.
 
 from __future__ import annotations
 
-import csv
 import difflib
 import gzip
-import re
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,11 +17,11 @@ from numpy.typing import NDArray
 
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
+from .encoding import decode
+from .separators import NAMES, decimal_points, header, holds_data, is_comment, separator_of
 from .tables import LARGEST, Table, checked_lines, read_lines, read_table, starts_with_number
 
 Column = str | int
-_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}
-_DATE = re.compile(r"\d+[-/:]\d+[-/:]\d")
 _MISSING = ("", "nan", "na", "null", "none", "-")
 
 
@@ -41,7 +39,9 @@ class TextFile:
     separator : str or None
         None: white space.
     width : int
-        Number of columns of the first row.
+        Number of columns of the first row; without those that a trailing separator makes.
+    unfit : int
+        Names in the line above the rows where they are not as many as the columns, else 0.
     """
 
     file: Path
@@ -49,6 +49,7 @@ class TextFile:
     names: tuple[str, ...]
     separator: str | None
     width: int
+    unfit: int = 0
 
     def index(self, column: Column, key: str) -> int:
         """Return the index (from 0) of a column given by name or number (from 1)."""
@@ -61,6 +62,11 @@ class TextFile:
             return column - 1
         if not isinstance(column, str):
             raise ConfigError(f"{key}: expected a column name or number, found {column!r}")
+        if self.unfit > 1:
+            raise ConfigError(
+                f"{key}: {self.file.name} has {self.unfit} names above {self.width} columns, which "
+                f"leaves open which of them is '{column}': give its number, 1 … {self.width}"
+            )
         if not self.names:
             raise ConfigError(
                 f"{key}: {self.file.name} has no header, so there is no column '{column}': give "
@@ -104,7 +110,8 @@ def open_text(path: str | Path, separator: str | None = None) -> TextFile:
     ----------
     path : path
     separator : {'comma', 'semicolon', 'tab', 'space'} or one character, optional
-        Default: the first of ``; , tab`` that the first row has, else white space.
+        Default: the first of ``; , tab`` that the first row has, else white space. Where no comma
+        separates, commas within numbers are decimal commas.
 
     Raises
     ------
@@ -113,14 +120,28 @@ def open_text(path: str | Path, separator: str | None = None) -> TextFile:
     """
     path = Path(path)
     lines = _gunzip(path) if _is_gzip(path) else read_lines(path)
-    first = next((k for k, line in enumerate(lines) if _holds_data(line)), None)
+    first = next((k for k, line in enumerate(lines) if holds_data(line)), None)
     if first is None:
         raise DataError("expected rows of numbers, found none", file=path)
-    sep = _separator(lines[first]) if separator is None else _SEPARATORS.get(separator, separator)
-    width = len(lines[first].split(sep))
-    names = _header([line for line in lines[:first] if line.strip()], sep, width)
-    kept = ["" if k < first or _is_comment(line) else line for k, line in enumerate(lines)]
-    return TextFile(path, kept, names, sep, width)
+    sep = separator_of(lines[first]) if separator is None else NAMES.get(separator, separator)
+    before = [line for line in lines[:first] if line.strip()]
+    kept = ["" if k < first or is_comment(line) else line for k, line in enumerate(lines)]
+    if sep != ",":
+        kept = decimal_points(kept, path)
+    row = kept[first].split(sep)
+    names, unfit = header(before, sep, row)
+    width = len(names) or len(row)
+    if sep is not None and names:
+        kept = [_without_trailing(line, sep, width) for line in kept]
+    return TextFile(path, kept, names, sep, width, unfit)
+
+
+def _without_trailing(line: str, separator: str, width: int) -> str:
+    """Return a row without the empty cells that stand behind the last named column."""
+    if line.count(separator) < width:
+        return line
+    cells = line.split(separator)
+    return line if any(c.strip() for c in cells[width:]) else separator.join(cells[:width])
 
 
 def read_columns(
@@ -219,45 +240,7 @@ def _is_gzip(path: Path) -> bool:
 
 def _gunzip(path: Path) -> list[str]:
     try:
-        text = gzip.decompress(path.read_bytes()).decode("utf-8-sig")
-        return checked_lines(path, text.splitlines())
+        content = gzip.decompress(path.read_bytes())
     except (OSError, EOFError, zlib.error):
         raise DataError("damaged gzip file", file=path, remedy="copy it again") from None
-    except UnicodeDecodeError:
-        raise DataError("expected text, found binary data", file=path) from None
-
-
-def _is_comment(line: str) -> bool:
-    return line.lstrip()[:1] in ("#", "%")
-
-
-def _holds_data(line: str) -> bool:
-    """Whether a line is a row: mostly numbers, no comment."""
-    if _is_comment(line) or not line.strip():
-        return False
-    tokens = [t.strip() for t in line.replace(";", ",").replace("\t", ",").split(",")]
-    if len(tokens) == 1:
-        tokens = line.split()
-    known = [t for t in tokens if t]
-    return sum(starts_with_number(t) or bool(_DATE.match(t)) for t in known) > len(known) / 2
-
-
-def _separator(row: str) -> str | None:
-    return next((s for s in (";", ",", "\t") if s in row), None)
-
-
-def _cells(line: str, separator: str) -> list[str]:
-    try:
-        return next(csv.reader([line], delimiter=separator), [])
-    except csv.Error:  # such as a cell of more than 128 KiB: no header has one
-        return []
-
-
-def _header(before: list[str], separator: str | None, width: int) -> tuple[str, ...]:
-    """Return the names of the last line before the rows that has as many as there are columns."""
-    for line in reversed(before):
-        cleaned = line.strip().lstrip("#%").strip() if _is_comment(line) else line
-        names = cleaned.split() if separator is None else _cells(cleaned, separator)
-        if len(names) == width:
-            return tuple(name.strip().strip('"') for name in names)
-    return ()
+    return checked_lines(path, decode(content, path).splitlines())

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray
 from ..fields import StrArray
+from .encoding import decode
 from .numbers import read_numbers
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 #: No column of any recording holds larger numbers (time in ns: 2e18); their squares are finite.
 LARGEST = 1e20
+#: Stamps repeated by more than this share of more than a few rows are too coarse, not unsorted.
+_ROUNDED, _FEW = 0.2, 10
 #: Longest line of a table [characters], and longest cell of text in it.
 LONGEST_LINE, _LONGEST_CELL = 16384, 256
 
@@ -72,11 +75,10 @@ def starts_with_number(token: str) -> bool:
 def read_lines(path: Path) -> list[str]:
     """Return the lines of a text file; a missing or binary file is a `DataError`."""
     try:
-        return checked_lines(path, path.read_text(encoding="utf-8-sig").splitlines())
+        content = path.read_bytes()
     except OSError as error:
         raise cannot_open(path, error) from None
-    except UnicodeDecodeError:
-        raise DataError("expected text, found binary data", file=path) from None
+    return checked_lines(path, decode(content, path).splitlines())
 
 
 def checked_lines(path: Path, lines: list[str]) -> list[str]:
@@ -281,15 +283,28 @@ def _walk(path, lines, start, columns, numeric, exact, separator, is_data):
 
 def increasing(table: Table, time: FloatArray, name: str) -> None:
     """Refuse times that do not strictly increase, naming the line."""
-    bad = np.flatnonzero(np.diff(time) <= 0.0)
-    if bad.size:
-        k = int(bad[0]) + 1
+    step = np.diff(time)
+    bad = np.flatnonzero(step <= 0.0)
+    if not bad.size:
+        return
+    k = int(bad[0]) + 1
+    repeated = float((step == 0.0).mean())
+    if step.min() == 0.0 and repeated > _ROUNDED and step.size > _FEW:
+        coarse = f", in steps of {np.median(step[step > 0.0]):.4g} s" if (step > 0.0).any() else ""
         raise DataError(
-            f"{name}: expected increasing time, found {time[k]:.5f} after {time[k - 1]:.5f}",
+            f"{name}: {100 * repeated:.0f} % of the rows repeat the stamp before{coarse}: rounded "
+            "by a spreadsheet?",
             file=table.file,
             line=int(table.line[k]),
-            remedy="sort the file or remove the repeated rows",
+            remedy="export it again with all its decimals; if the rows are evenly spaced, "
+            "own files may declare rate_hz instead",
         )
+    raise DataError(
+        f"{name}: expected increasing time, found {time[k]:.5f} after {time[k - 1]:.5f}",
+        file=table.file,
+        line=int(table.line[k]),
+        remedy="sort the file or remove the repeated rows",
+    )
 
 
 def sampling_note(time: FloatArray, what: str) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ...filters.errors import DataError
+from .encoding import decode
 
 #: Longest line, and most characters in all.
 _LINE, _SIZE = 4096, 1 << 20
@@ -25,11 +26,9 @@ def read_toml(file: Path) -> tuple[dict[str, Any], str]:
         Missing, a folder, binary, absurdly long, or not TOML.
     """
     try:
-        text = file.read_text(encoding="utf-8")
+        text = decode(file.read_bytes(), file).replace("\r\n", "\n")
     except FileNotFoundError:
         raise DataError("no such file", file=file, remedy="check the path") from None
-    except UnicodeDecodeError:
-        raise DataError("not readable as TOML: expected text (UTF-8)", file=file) from None
     except OSError as error:
         raise DataError(f"cannot be read: {error.strerror or error}", file=file) from None
     try:

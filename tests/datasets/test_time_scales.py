@@ -7,7 +7,8 @@ import pytest
 
 from certnav.datasets import gpstime
 from certnav.datasets.text.columns import open_text, read_columns
-from certnav.datasets.time_scales import SCALES, TimeScale, gps_time
+from certnav.datasets.text.tables import increasing
+from certnav.datasets.time_scales import SCALES, TimeScale, evenly_spaced, gps_time
 from certnav.filters.errors import DataError
 
 #: 2025-07-08 19:34:18.5 in GPS time; UTC is 18 s less.
@@ -17,6 +18,10 @@ UNIX = NOON + 315964800.0 - 18.0
 
 
 def converted(tmp_path, scale, *rows):
+    return converted_table(tmp_path, scale, *rows)[1]
+
+
+def converted_table(tmp_path, scale, *rows):
     file = tmp_path / "f.csv"
     file.write_text("\n".join(f"{row},0,0,0" for row in rows) + "\n")
     columns = (1, 2) if scale.name == "gps-week-sow" else (1,)
@@ -25,7 +30,7 @@ def converted(tmp_path, scale, *rows):
         {} if scale.is_text else {"time": columns},
         {"time": columns} if scale.is_text else {},
     )
-    return gps_time(
+    return found.table, gps_time(
         found.table, scale, found.numbers.get("time", np.empty((0, 0))), found.text.get("time", [])
     )
 
@@ -81,3 +86,56 @@ def test_seconds_of_week_run_over_the_end_of_the_week(tmp_path):
 def test_stamps_of_another_scale_are_refused(tmp_path, scale, stamp, message):
     with pytest.raises(DataError, match=message):
         converted(tmp_path, scale, stamp)
+
+
+@pytest.mark.parametrize("lag", [-7, 0, 7])
+@pytest.mark.parametrize("begin", [-40, -3, 2])
+def test_a_week_number_out_of_step_at_the_end_of_the_week_is_mended(tmp_path, lag, begin):
+    """Week and seconds of week by two tasks; also where the file begins or ends in between."""
+    k = np.arange(begin, begin + 60)
+    time = 2130 * 604800.0 + 0.5 * k
+    week = 2129 + (k >= lag)
+    rows = [f"{w},{t % 604800.0:.1f}" for w, t in zip(week, time, strict=True)]
+    np.testing.assert_array_equal(converted(tmp_path, TimeScale("gps-week-sow"), *rows), time)
+
+
+def test_a_week_number_out_of_step_elsewhere_is_left_to_be_refused(tmp_path):
+    rows = [f"{2129 + (k in (4, 5))},{300000 + k}" for k in range(20)]
+    table, time = converted_table(tmp_path, TimeScale("gps-week-sow"), *rows)
+    with pytest.raises(DataError, match=r"f.csv:7: time: expected increasing"):
+        increasing(table, time, "time")
+
+
+@pytest.mark.parametrize(("digits", "step"), [(0, "1"), (-1, "10"), (2, "0.01")])
+def test_rounded_stamps_are_called_so(tmp_path, digits, step):
+    stamps = np.round(1000.0 + 0.004 * np.arange(20000), digits)
+    table, time = converted_table(tmp_path, TimeScale("relative"), *stamps)
+    with pytest.raises(
+        DataError, match=rf"in steps of {step} s: rounded by a spreadsheet\?.*rate_hz"
+    ):
+        increasing(table, time, "time")
+
+
+def test_a_few_repeated_rows_are_not_called_rounded(tmp_path):
+    stamps = [*range(50), 49, *range(50, 60)]
+    table, time = converted_table(tmp_path, TimeScale("relative"), *stamps)
+    with pytest.raises(DataError, match=r"f.csv:51: .*sort the file or remove the repeated rows"):
+        increasing(table, time, "time")
+
+
+@pytest.mark.parametrize("digits", [0, 1, 2])
+def test_a_declared_rate_puts_rounded_stamps_back(tmp_path, digits):
+    true = 1000.3 + 0.004 * np.arange(20000)
+    table, time = converted_table(tmp_path, TimeScale("relative"), *np.round(true, digits))
+    np.testing.assert_allclose(evenly_spaced(table, time, 250.0), true, rtol=0, atol=0.0041)
+
+
+def test_a_rate_that_the_stamps_do_not_keep_is_refused(tmp_path):
+    true = 1000.3 + 0.004 * np.arange(20000)
+    table, time = converted_table(tmp_path, TimeScale("relative"), *np.round(true, 1))
+    with pytest.raises(DataError, match=r"at 200 Hz \(rate_hz\).*on average 249.988"):
+        evenly_spaced(table, time, 200.0)
+    lost = np.delete(true, slice(9000, 9100))
+    table, time = converted_table(tmp_path, TimeScale("relative"), *np.round(lost, 1))
+    with pytest.raises(DataError, match="rows are missing"):
+        evenly_spaced(table, time, 250.0)

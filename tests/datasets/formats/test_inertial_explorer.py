@@ -195,3 +195,92 @@ def test_the_point_and_its_lever_are_the_callers(tmp_path):
     assert (reference.point, reference.attitude_frame) == ("antenna", "b")
     np.testing.assert_array_equal(reference.lever_b, [-0.65, -0.05, -0.15])
     assert "10 Hz" in notes[0]
+
+
+URBAN_NAMES = "UTCTime Week GPSTime Latitude Longitude H-Ell {velocity} Roll Pitch Heading Q"
+URBAN_UNITS = "(sec) (weeks) (sec) (+/-D M S) (+/-D M S) (m) {units} (deg) (deg) (deg) ()"
+
+
+def urban(drive: Drive, velocity: str, *, units: bool = True, each: int = 1) -> list[str]:
+    """A file as public sets publish it: no ECEF columns."""
+    from certnav.filters.earth import C_en_of, ecef_to_lla
+
+    lla = ecef_to_lla(drive.pos_e)
+    C_en = C_en_of(drive.pos_e)
+    rpy = np.radians(np.column_stack([0 * drive.sow - 2.5, 0 * drive.sow + 1.5, drive.heading]))
+    vel_n = np.einsum("nji,nj->ni", C_en, drive.vel_e)
+    vel_b = np.einsum("nji,nj->ni", matrix_from_rpy(rpy), vel_n)
+    values = {
+        "VEast VNorth VUp": vel_n[:, [1, 0, 2]] * [1, 1, -1],
+        "VelBdyX VelBdyY VelBdyZ": vel_b[:, [1, 0, 2]] * [1, 1, -1],
+        "": np.empty((drive.sow.size, 0)),
+    }[velocity]
+    rows = []
+    for k in range(0, drive.sow.size, each):
+        place = [drive._angle(np.degrees(a), True) for a in lla[k, :2]]
+        tokens = [
+            *("1615964783.00", "2129", f"{drive.sow[k]:.3f}", *place, f"{lla[k, 2]:.4f}"),
+            *(f"{v:.5f}" for v in values[k]),
+            *("-2.5", "1.5", f"{drive.heading[k]:.7f}", "1"),
+        ]
+        rows.append(" ".join(tokens))
+    head = [URBAN_NAMES.format(velocity=velocity)]
+    if units:
+        head.append(URBAN_UNITS.format(units="(m/s) (m/s) (m/s)" if velocity else ""))
+    return [*head, *rows]
+
+
+@pytest.mark.parametrize("units", [True, False])
+@pytest.mark.parametrize("velocity", ["VEast VNorth VUp", "VelBdyX VelBdyY VelBdyZ"])
+def test_position_from_latitude_and_longitude_where_ecef_is_missing(tmp_path, velocity, units):
+    drive = Drive()
+    table = read_reference_table(write(tmp_path, *urban(drive, velocity, units=units)))
+    np.testing.assert_allclose(table.pos_e, drive.pos_e, atol=2e-4)
+    np.testing.assert_allclose(table.vel_e, drive.vel_e, atol=2e-5)
+    assert "position from latitude, longitude and height; velocity from" in table.notes[0]
+
+
+def test_velocity_from_differences_where_there_is_none_and_the_rate_bears_it(tmp_path):
+    drive = Drive()
+    table = read_reference_table(write(tmp_path, *urban(drive, "")))
+    np.testing.assert_allclose(table.vel_e[1:-1], drive.vel_e[1:-1], atol=5e-3)
+    assert "no velocity columns: velocity from differenced positions" in table.notes[0]
+    slow = read_reference_table(write(tmp_path, *urban(drive, "", each=10)))
+    assert np.isnan(slow.vel_e).all()
+    assert "no velocity columns: no velocity" in slow.notes[0]
+
+
+def test_body_velocities_that_contradict_the_positions_are_left_out_and_said(tmp_path):
+    lines = urban(Drive(), "VelBdyX VelBdyY VelBdyZ")
+    lines[0] = lines[0].replace("VelBdyX VelBdyY", "VelBdyY VelBdyX")
+    table = read_reference_table(write(tmp_path, *lines))
+    assert "body velocities left out, 14.2 m/s from differenced" in table.notes[0]
+    np.testing.assert_allclose(table.vel_e[1:-1], Drive().vel_e[1:-1], atol=5e-3)
+
+
+def test_local_velocities_that_contradict_the_positions_are_refused(tmp_path):
+    lines = urban(Drive(), "VEast VNorth VUp")
+    lines[0] = lines[0].replace("VEast VNorth", "VNorth VEast")
+    with pytest.raises(DataError, match=r"velocity \(tokens .*disagree"):
+        read_reference_table(write(tmp_path, *lines))
+
+
+def test_neither_kind_of_position_names_both(tmp_path):
+    lines = urban(Drive(), "")
+    lines[0] = lines[0].replace("H-Ell", "H-MSL")
+    with pytest.raises(DataError, match=r":1: header lacks X-ECEF.*or Latitude, Longitude, H-Ell"):
+        read_reference_table(write(tmp_path, *lines))
+
+
+def test_a_late_week_number_of_a_reference_is_mended_and_said(tmp_path):
+    drive = Drive()
+    drive.sow = 604800.0 - 4.95 + np.arange(0.0, 11.0, 0.1)
+    lines = urban(drive, "")
+    for k, sow in enumerate(drive.sow):
+        past = sow >= 604800.0
+        lines[k + 2] = lines[k + 2].replace(
+            f"2129 {sow:.3f}", f"{2129 + (sow >= 604800.3)} {sow - 604800.0 * past:.3f}"
+        )
+    table = read_reference_table(write(tmp_path, *lines))
+    np.testing.assert_allclose(table.time - 2129 * 604800.0, drive.sow, atol=1e-6)
+    assert "week number of 3 rows mended" in table.notes[0]

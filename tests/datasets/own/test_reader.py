@@ -605,3 +605,35 @@ def test_an_oakville_drive_by_declaration_alone(data_dir, tmp_path, name):
     shift = b.time - start - undated.time
     moved = undated.pos_e + undated.vel_e * shift[:, None]
     assert np.linalg.norm(moved - b.pos_e, axis=1).max() < 5e-5
+
+
+def test_rounded_stamps_have_a_way_out(drive):
+    folder, m = drive
+    table = pd.read_csv(folder / "imu.csv")
+    table["t"] = table["t"].round(1)
+    table.to_csv(folder / "imu.csv", index=False)
+    with pytest.raises(DataError, match=r"imu.csv:3: .*rounded by a spreadsheet\?.*rate_hz"):
+        load(folder)
+    change(folder, ('[imu]\nfile = "imu.csv"', '[imu]\nfile = "imu.csv"\nrate_hz = 50.0'))
+    s = load(folder)
+    np.testing.assert_allclose(s.imu.time, WEEK * 604800.0 + m.time, rtol=0, atol=0.021)
+    assert any("imu.csv: rounded stamps replaced by 50 Hz, as declared" in n for n in s.notes)
+    change(folder, ("rate_hz = 50.0", "rate_hz = -1"))
+    with pytest.raises(ConfigError, match="rate_hz: expected rows a second, above zero"):
+        load(folder)
+
+
+def test_a_late_week_number_is_mended_and_said(drive):
+    folder, m = drive
+    shift = 604800.0 - SOW - 30.0  # the week ends after half a minute
+    change(folder, ('[time]\nscale = "gps-sow"\nweek = 2129', '[time]\nscale = "gps-week-sow"'),
+           ('time = "t"', 'time = ["week", "t"]'))  # fmt: skip
+    for name in ("imu", "gnss", "ref"):
+        table = pd.read_csv(folder / f"{name}.csv")
+        time = table["t"] + shift
+        late = 0.21 if name == "imu" else 0.0
+        table["t"], table["week"] = time % 604800.0, WEEK + (time >= 604800.0 + late)
+        table.to_csv(folder / f"{name}.csv", index=False)
+    s = load(folder)
+    np.testing.assert_allclose(s.imu.time, WEEK * 604800.0 + m.time + shift, rtol=0, atol=1e-6)
+    assert any("imu.csv: the week number of 11 rows from line 15" in n for n in s.notes), s.notes

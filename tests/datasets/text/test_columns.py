@@ -114,7 +114,8 @@ def test_text_columns_are_joined(tmp_path):
         (b"", "expected rows of numbers"),
         (b"a,b\n", "expected rows of numbers"),
         (b"\x1f\x8b\x00\x00", "damaged gzip"),
-        (b"\xff\xfe\x00\x01\x80", "binary"),
+        (b"\xff\xfe\x00\x01\x80", "expected UTF-16 text, found byte 0x80"),
+        (b"\x00\x01" * 100, "zero bytes: binary data"),
     ],
 )
 def test_what_is_no_table(tmp_path, content, message):
@@ -126,3 +127,66 @@ def test_what_is_no_table(tmp_path, content, message):
         open_text(tmp_path / "g.csv")
     with pytest.raises(DataError, match="folder"):
         open_text(tmp_path)
+
+
+@pytest.mark.parametrize("separator", [";", "\t", " "])
+@pytest.mark.parametrize("header", ["a{0}b{0}c\n", ""])
+def test_decimal_commas_where_no_comma_separates(tmp_path, separator, header):
+    rows = [[1.5, -0.25, 3.0], [2.5, 1e-3, 4.0]]
+    lines = [separator.join(f"{v:g}".replace(".", ",") for v in row) for row in rows]
+    file = tmp_path / "f.csv"
+    file.write_text(header.format(separator) + "\n".join(lines) + "\n")
+    found = read_columns(open_text(file), {"x": (1, 2, 3)})
+    np.testing.assert_array_equal(found.numbers["x"], rows)
+
+
+def test_a_tab_beside_a_comma_that_separates_is_white_space(tmp_path):
+    file = tmp_path / "f.csv"
+    file.write_text("a,\tb\n1,\t2\n3,\t4\n")
+    np.testing.assert_array_equal(
+        read_columns(open_text(file), {"x": (1, 2)}).numbers["x"], [[1, 2], [3, 4]]
+    )
+
+
+@pytest.mark.parametrize("number", ["1.234,5", "1,234.5"])
+def test_thousands_separators_are_refused_with_their_line(tmp_path, number):
+    file = tmp_path / "f.csv"
+    file.write_text(f"a;b\n1;2\n3;{number}\n")
+    with pytest.raises(DataError, match=rf"f.csv:3: .*thousands separators, found '{number[:5]}"):
+        open_text(file)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "a,b\n1,2,\n3,4,\n",  # rows only
+        "a,b,\n1,2,\n3,4,\n",  # header too
+        "a,b,\n1,2\n3,4\n",  # header only
+        "a,b\n1,2,,,\n3,4\n",  # a spreadsheet's further columns, and not in all rows
+    ],
+)
+def test_trailing_separators_are_no_columns(tmp_path, content):
+    file = tmp_path / "f.csv"
+    file.write_text(content)
+    source = open_text(file)
+    assert source.names == ("a", "b")
+    np.testing.assert_array_equal(
+        read_columns(source, {"x": ("b", "a")}).numbers["x"], [[2, 1], [4, 3]]
+    )
+
+
+def test_a_named_last_column_may_be_empty_in_the_first_row(tmp_path):
+    file = tmp_path / "f.csv"
+    file.write_text("a,b\n1,\n3,4\n")
+    found = read_columns(open_text(file), {"b": ("b",)}, may_miss=("b",))
+    np.testing.assert_array_equal(found.numbers["b"], [[np.nan], [4.0]])
+
+
+def test_columns_without_a_name_leave_open_which_is_which(tmp_path):
+    """People leave out the last name, R the first: only numbers are sure."""
+    file = tmp_path / "f.csv"
+    file.write_text("t,x\n1,2,3\n4,5,6\n")
+    source = open_text(file)
+    with pytest.raises(ConfigError, match=r"time: f.csv has 2 names above 3 columns.*1 … 3"):
+        read_columns(source, {"time": ("t",)})
+    np.testing.assert_array_equal(read_columns(source, {"x": (3,)}).numbers["x"], [[3], [6]])
