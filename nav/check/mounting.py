@@ -18,12 +18,12 @@ from ...filters.errors import NavError
 from ...filters.levers import rate_over_earth
 from ...filters.rotation import FloatArray
 from ...velocity.mounting import Mounting, calibrate_mounting
+from ...velocity.tracks import Track, tracks
 from ..config import AlignmentConfig, Config, FilterConfig, VehicleConfig
 from ..pipeline import navigate
 from .axes import track_turning
 from .findings import Finding
 from .motion import COURSE_SPEED
-from .tracks import Track, tracks
 
 #: A check must take well below a second: so much of a drive is looked at [s].
 _LONGEST = 300.0
