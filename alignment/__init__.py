@@ -23,8 +23,9 @@ The names below are imported when they are first asked for: importing the packag
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ..lazy import names
 
 if TYPE_CHECKING:
     from .levelling import InitialAttitude, VelocityTrack, given_attitude, level_and_course
@@ -49,7 +50,6 @@ _PUBLIC = {
     "levelling": ("InitialAttitude", "VelocityTrack", "given_attitude", "level_and_course"),
     "observability": ("Geometry",),
 }
-_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 
 __all__ = [
     "AlignmentProblem",
@@ -80,15 +80,4 @@ __all__ = [
     "with_priors",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = names(__name__, _PUBLIC)

@@ -18,6 +18,7 @@
     measurement_update   the update itself, compiled and by filterpy
     smoother             the same, from the end backwards
     fault_exclusion      the largest set of equations that agree
+    compiled/            their inner loops, compiled
     errors               what certnav refuses with, one line each
 
 The names below are imported when they are first asked for: importing the package costs nothing.
@@ -25,8 +26,9 @@ The names below are imported when they are first asked for: importing the packag
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ..lazy import names
 
 if TYPE_CHECKING:
     from .earth import C_en_of, ecef_to_lla, gravity_e, lla_to_ecef
@@ -51,7 +53,6 @@ _PUBLIC = {
     "rotation": ("matrix_from_rpy", "rpy_from_matrix"),
     "errors": ("AlignmentError", "ConfigError", "DataError", "NavError"),
 }
-_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 
 __all__ = [
     "AlignmentError",
@@ -76,15 +77,4 @@ __all__ = [
     "smooth",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = names(__name__, _PUBLIC)

@@ -13,8 +13,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _kernels
-from ._jit import COMPILED
+from .compiled import kernels
+from .compiled import rows as layout
+from .compiled.jit import COMPILED
 from .error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
 from .errors import DataError
 from .gnss_states import GnssStates
@@ -122,8 +123,8 @@ class ErrorStateFilter:
         samples = stream.gyro.shape[0] - self._sample
         spacing = max(self._period, (stream.end - state.time) / max(samples, 1), 1e-6)
         room = int((stream.end - state.time) / spacing) + 1024
-        self._rows = np.zeros((room, _kernels.ROW_SIZE))
-        self._rows[0, _kernels.ROW_TIME] = state.time
+        self._rows = np.zeros((room, layout.ROW_SIZE))
+        self._rows[0, layout.ROW_TIME] = state.time
         self._cursor = np.array([1.0, state.time + self._period])
         self._record_now()
         self.tape = Tape() if smoothing else None
@@ -148,7 +149,7 @@ class ErrorStateFilter:
 
     @property
     def rows(self) -> FloatArray:
-        """Recorded rows so far, shape (m, ROW_SIZE), laid out as in `filters._kernels.record`."""
+        """Recorded rows so far, shape (m, ROW_SIZE), see `filters.compiled.rows`."""
         return self._rows[: int(self._cursor[0])]
 
     def propagate(self, until: float) -> None:
@@ -180,8 +181,8 @@ class ErrorStateFilter:
         pos_e, vel_e, C_eb, bias, P = (
             a.copy() for a in (self.pos_e, self.vel_e, self.C_eb, self.bias, self.P)
         )
-        rows, cursor = np.zeros((1, _kernels.ROW_SIZE)), np.array([0.0, np.inf])
-        _kernels.advance(
+        rows, cursor = np.zeros((1, layout.ROW_SIZE)), np.array([0.0, np.inf])
+        kernels.advance(
             self.stream.edges, self.stream.gyro, self.stream.accel, self._sample, self.time, until,
             pos_e, vel_e, C_eb, bias, P, np.zeros((0, 0)), self._noise, rows, cursor, np.inf,
         )  # fmt: skip
@@ -196,14 +197,14 @@ class ErrorStateFilter:
         needed = int(self._cursor[0]) + samples + 1
         if needed > len(self._rows):
             more = max(needed, 2 * len(self._rows)) - len(self._rows)
-            self._rows = np.vstack([self._rows, np.zeros((more, _kernels.ROW_SIZE))])
+            self._rows = np.vstack([self._rows, np.zeros((more, layout.ROW_SIZE))])
 
     def _advance(self, until: float) -> None:
         self._reserve(until)
         before = self.P.copy()
         if self.tape is not None:
             self._phi[:] = np.eye(self.model.size)
-        self._sample, omega = _kernels.advance(
+        self._sample, omega = kernels.advance(
             self.stream.edges, self.stream.gyro, self.stream.accel, self._sample, self.time, until,
             self.pos_e, self.vel_e, self.C_eb, self.bias, self.P, self._phi, self._noise,
             self._rows, self._cursor, self._period,
@@ -322,5 +323,5 @@ class ErrorStateFilter:
     def _record_now(self) -> None:
         """Overwrite the last row if it is of this instant, so that rows hold what was updated."""
         row = self._rows[int(self._cursor[0]) - 1]
-        if abs(row[_kernels.ROW_TIME] - self.time) < 1e-6:
-            _kernels.record(row, self.time, self.pos_e, self.vel_e, self.C_eb, self.bias, self.P)
+        if abs(row[layout.ROW_TIME] - self.time) < 1e-6:
+            layout.record(row, self.time, self.pos_e, self.vel_e, self.C_eb, self.bias, self.P)

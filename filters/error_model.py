@@ -33,7 +33,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _kernels
+from .compiled import kernels
 from .errors import ConfigError
 from .gnss_states import CLOCK_DRIFT_SIGMA, shared_root
 from .rotation import FloatArray
@@ -169,15 +169,15 @@ class ErrorModel:
         omega, force = np.asarray(omega_b, dtype=float), np.asarray(force_b, dtype=float)
         pos, vel, v, zero = np.array(pos_e, dtype=float), np.zeros(3), np.empty((5, 3)), np.zeros(3)
         G = np.zeros((3, 3))
-        _kernels._gravity_gradient(pos, G)
+        kernels._gravity_gradient(pos, G)
         before = C.copy()
-        _kernels.strapdown_step(pos, vel, C, omega, force, zero, zero, dt, v, R, work)
+        kernels.strapdown_step(pos, vel, C, omega, force, zero, zero, dt, v, R, work)
         decay = float(np.exp(-dt * self.bias_decay_rate))
         inverse = 1.0 / (1.0 + np.asarray(scale, dtype=float))
         F = np.zeros((6, 3, 3))
-        _kernels.linearise(F, dt, G, v[0], before, R, omega, force, inverse, decay, decay)
+        kernels.linearise(F, dt, G, v[0], before, R, omega, force, inverse, decay, decay)
         phi = np.eye(self.size)
         phi[GYRO_BIAS, GYRO_BIAS] *= decay
         phi[ACCEL_BIAS, ACCEL_BIAS] *= decay
-        _kernels.transition(F, np.eye(self.size), phi[:9])
+        kernels.transition(F, np.eye(self.size), phi[:9])
         return phi

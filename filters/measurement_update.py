@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ._jit import njit
+from .compiled.jit import njit
 from .errors import DataError
 from .measurements import Measurement
 from .rotation import FloatArray

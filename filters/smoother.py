@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from . import _kernels
+from .compiled import rows as layout
 from .error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL
 from .rotation import FloatArray, matrix_from_rotvec
 
@@ -92,11 +92,11 @@ def _compose(first: FloatArray, second: FloatArray) -> FloatArray:
 def _corrected(row: FloatArray, e: FloatArray, P: FloatArray) -> FloatArray:
     """Return a copy of the row with the error applied and the covariance replaced."""
     out = row.copy()
-    pos_e = row[_kernels.ROW_POS : _kernels.ROW_POS + 3] + e[POS]
-    vel_e = row[_kernels.ROW_VEL : _kernels.ROW_VEL + 3] + e[VEL]
-    C_eb = row[_kernels.ROW_C : _kernels.ROW_C + 9].reshape(3, 3) @ matrix_from_rotvec(e[ATT])
-    bias = row[_kernels.ROW_BIAS : _kernels.ROW_BIAS + 6].copy()
+    pos_e = row[layout.ROW_POS : layout.ROW_POS + 3] + e[POS]
+    vel_e = row[layout.ROW_VEL : layout.ROW_VEL + 3] + e[VEL]
+    C_eb = row[layout.ROW_C : layout.ROW_C + 9].reshape(3, 3) @ matrix_from_rotvec(e[ATT])
+    bias = row[layout.ROW_BIAS : layout.ROW_BIAS + 6].copy()
     bias[:3] += e[GYRO_BIAS]
     bias[3:] += e[ACCEL_BIAS]
-    _kernels.record(out, row[_kernels.ROW_TIME], pos_e, vel_e, C_eb, bias, P)
+    layout.record(out, row[layout.ROW_TIME], pos_e, vel_e, C_eb, bias, P)
     return out

@@ -1,7 +1,7 @@
 """Strapdown mechanisation in ECEF, with coning and sculling from the sample before.
 
 ECEF rather than local level: no transport rate, no singularity, and Doppler and satellite
-geometry arrive in the same axes. The arithmetic is in `filters._kernels`.
+geometry arrive in the same axes. The arithmetic is in `filters.compiled.kernels`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import _kernels
+from .compiled import kernels
+from .compiled import rows as layout
 from .errors import DataError
 from .rotation import FloatArray
 
@@ -166,11 +167,11 @@ def integrate(stream: InertialStream, start: NavState, until: float | None = Non
             f"{stream.start:.3f}…{stream.end:.3f} s"
         )
     k = stream.index(start.time)
-    rows = np.zeros((stream.gyro.shape[0] - k, _kernels.ROW_SIZE))
+    rows = np.zeros((stream.gyro.shape[0] - k, layout.ROW_SIZE))
     cursor = np.array([0.0, start.time])
-    _kernels.advance(
+    kernels.advance(
         stream.edges, stream.gyro, stream.accel, k, start.time, until,
         start.pos_e.copy(), start.vel_e.copy(), start.C_eb.copy(), np.zeros(12),
         np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(6), rows, cursor, 0.0,
     )  # fmt: skip
-    return rows[: int(cursor[0]), : _kernels.ROW_BIAS]
+    return rows[: int(cursor[0]), : layout.ROW_BIAS]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..filters._jit import njit
+from ..filters.compiled.jit import njit
 
 
 @njit(cache=True, nogil=True)

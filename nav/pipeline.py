@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..datasets.sequence import Sequence
-from ..filters import _kernels
+from ..filters.compiled import rows as layout
 from ..filters.earth import C_en_of
 from ..filters.rotation import FloatArray
 from ..filters.smoother import smooth
@@ -90,7 +90,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         rows = _kept(kalman.rows)
         if len(rows) < 2:
             raise
-        cut = float(rows[-1, _kernels.ROW_TIME])
+        cut = float(rows[-1, layout.ROW_TIME])
         text = (
             f"{error}; this solution ends at {clock(cut)}, {end - cut:.1f} s before the data, "
             "and is not smoothed"
@@ -117,23 +117,23 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
 
 def trajectory_from_rows(rows: FloatArray) -> Trajectory:
     """Turn recorded filter rows into a `Trajectory`, covariances rotated to north-east-down."""
-    pos_e = rows[:, _kernels.ROW_POS : _kernels.ROW_POS + 3]
-    bias = rows[:, _kernels.ROW_BIAS : _kernels.ROW_BIAS + 6]
-    std_bias = rows[:, _kernels.ROW_STD_BIAS : _kernels.ROW_STD_BIAS + 6]
-    C_eb = rows[:, _kernels.ROW_C : _kernels.ROW_C + 9].reshape(-1, 3, 3)
+    pos_e = rows[:, layout.ROW_POS : layout.ROW_POS + 3]
+    bias = rows[:, layout.ROW_BIAS : layout.ROW_BIAS + 6]
+    std_bias = rows[:, layout.ROW_STD_BIAS : layout.ROW_STD_BIAS + 6]
+    C_eb = rows[:, layout.ROW_C : layout.ROW_C + 9].reshape(-1, 3, 3)
     blocks = np.empty((3, len(rows), 3, 3))
 
     def turn(start: int) -> None:
         piece = slice(start, start + _ROWS_AT_ONCE)
         C_ne = np.swapaxes(C_en_of(pos_e[piece]), 1, 2)
-        upper = np.ascontiguousarray(rows[piece, _kernels.ROW_COV : _kernels.ROW_COV + 18])
+        upper = np.ascontiguousarray(rows[piece, layout.ROW_COV : layout.ROW_COV + 18])
         ned_covariances(upper, C_ne, C_eb[piece], blocks, start)
 
     list(in_order(turn, range(0, len(rows), _ROWS_AT_ONCE)))
     return Trajectory(
-        time=rows[:, _kernels.ROW_TIME],
+        time=rows[:, layout.ROW_TIME],
         pos_e=pos_e,
-        vel_e=rows[:, _kernels.ROW_VEL : _kernels.ROW_VEL + 3],
+        vel_e=rows[:, layout.ROW_VEL : layout.ROW_VEL + 3],
         C_eb=C_eb,
         gyro_bias=bias[:, :3],
         accel_bias=bias[:, 3:],
@@ -147,7 +147,7 @@ def trajectory_from_rows(rows: FloatArray) -> Trajectory:
 
 def _kept(rows: FloatArray) -> FloatArray:
     """Return the rows before the first that is not finite, or whose covariance is none."""
-    bad = ~np.isfinite(rows).all(axis=1) | (np.abs(rows[:, _kernels.ROW_VEL]) > 1e4)
+    bad = ~np.isfinite(rows).all(axis=1) | (np.abs(rows[:, layout.ROW_VEL]) > 1e4)
     return rows[: int(np.argmax(bad))] if bad.any() else rows
 
 

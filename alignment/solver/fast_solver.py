@@ -228,7 +228,7 @@ _DEFAULT: list[str] = []
 
 def _default_backend() -> str:
     if not _DEFAULT:
-        from ...filters._jit import COMPILED
+        from ...filters.compiled.jit import COMPILED
 
         _DEFAULT.append("numba" if COMPILED else "numpy")
     return _DEFAULT[0]

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...filters._jit import njit
+from ...filters.compiled.jit import njit
 from .margin_kernels import (
     MARGINS,
     add_null,

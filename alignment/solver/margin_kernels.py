@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...filters._jit import njit
+from ...filters.compiled.jit import njit
 from .quartic import NULL_GRAMS
 
 #: Values of t tried on the first guess, one Cholesky factorisation each.

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...filters._jit import COMPILED, njit
+from ...filters.compiled.jit import COMPILED, njit
 from ...filters.rotation import FloatArray
 
 _POWER = 10.0 ** np.arange(23)

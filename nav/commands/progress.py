@@ -37,8 +37,8 @@ class _RichProgress:
 
 def announce_kernels() -> None:
     """Say on standard error if the filter has to be compiled first, or cannot be."""
-    from ...filters import _kernels
-    from ...filters._jit import notice
+    from ...filters.compiled import kernels
+    from ...filters.compiled.jit import notice
 
-    if line := notice(_kernels.advance):
+    if line := notice(kernels.advance):
         print(f"certnav: {line}", file=sys.stderr, flush=True)

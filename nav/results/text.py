@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ...filters._jit import COMPILED, njit
+from ...filters.compiled.jit import COMPILED, njit
 from ...filters.rotation import FloatArray
 
 _TEMPLATE = re.compile(r"%(?:(d)|\.([1-9])(f|g)|\.(1[0-5])(f))([, ]|$)")

@@ -9,7 +9,8 @@ from scipy.stats import chi2
 
 from certnav.datasets.series import ImuData
 from certnav.datasets.simulation.sensors import fixes_from_truth, imu_measurements
-from certnav.filters import _kernels, measurements
+from certnav.filters import measurements
+from certnav.filters.compiled import rows as layout
 from certnav.filters.earth import C_en_of
 from certnav.filters.ekf import ErrorStateFilter, gate_limit
 from certnav.filters.error_model import ErrorModel
@@ -56,7 +57,7 @@ def errors_and_nees(rows, trajectory):
     for block, error in enumerate(errors):
         cov = np.empty((len(rows), 3, 3))
         i, j = np.triu_indices(3)
-        start = _kernels.ROW_COV + 6 * block
+        start = layout.ROW_COV + 6 * block
         cov[:, i, j] = cov[:, j, i] = rows[:, start : start + 6]
         nees.append(np.einsum("ki,ki->k", error, np.linalg.solve(cov, error[..., None])[..., 0]))
     return errors, np.stack(nees, axis=-1)

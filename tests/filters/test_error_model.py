@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from certnav.filters import _kernels
+from certnav.filters.compiled import kernels
 from certnav.filters.error_model import ATT, GYRO_BIAS, GYRO_SCALE, POS, VEL, ErrorModel
 from certnav.filters.errors import ConfigError
 from certnav.filters.rotation import matrix_from_rotvec
@@ -24,7 +24,7 @@ def perturbed_step(state, x, dt):
     measured = np.concatenate([OMEGA, FORCE]) * (1 + SCALE)
     corrected = (measured - x[9:15]) / (1 + SCALE + x[15:21])
     zero, v, R, work = np.zeros(3), np.empty((5, 3)), np.empty((3, 3)), np.empty((3, 3))
-    _kernels.strapdown_step(pos, vel, C, corrected[:3], corrected[3:], zero, zero, dt, v, R, work)
+    kernels.strapdown_step(pos, vel, C, corrected[:3], corrected[3:], zero, zero, dt, v, R, work)
     return pos, vel, C
 
 
@@ -89,15 +89,15 @@ def test_covariance_step_is_phi_p_phi_t_plus_q(moving_state, states):
     expected += np.diag(diagonal)
 
     G, v, R, work = np.zeros((3, 3)), np.empty((5, 3)), np.empty((3, 3)), np.empty((3, 3))
-    _kernels._gravity_gradient(moving_state.pos_e, G)
+    kernels._gravity_gradient(moving_state.pos_e, G)
     pos, vel, C = moving_state.pos_e.copy(), moving_state.vel_e.copy(), moving_state.C_eb.copy()
     zero = np.zeros(6)
-    _kernels.strapdown_step(pos, vel, C, OMEGA, FORCE, zero[:3], zero[:3], dt, v, R, work)
+    kernels.strapdown_step(pos, vel, C, OMEGA, FORCE, zero[:3], zero[:3], dt, v, R, work)
     F = np.zeros((6, 3, 3))
-    _kernels.linearise(F, dt, G, v[0], moving_state.C_eb, R, OMEGA, FORCE, np.ones(6), 1.0, 1.0)
+    kernels.linearise(F, dt, G, v[0], moving_state.C_eb, R, OMEGA, FORCE, np.ones(6), 1.0, 1.0)
     actual = P.copy()
     scratch = np.empty((9, states)), np.zeros((states, 9)), np.empty((9, 9))
-    _kernels.covariance_step(actual, F, *scratch, noise)
+    kernels.covariance_step(actual, F, *scratch, noise)
     np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-24)
     np.testing.assert_array_equal(actual, actual.T)
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from certnav.filters import _kernels, measurements
+from certnav.filters import measurements
+from certnav.filters.compiled import rows as layout
 from certnav.filters.earth import OMEGA_IE_E, gravity_e
 from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import ATT, POS, VEL, ErrorModel
@@ -182,7 +183,7 @@ def test_smoothing_with_gnss_states_is_never_worse(standing):
         kalman.update(m)
     filtered = kalman.rows.copy()
     smoothed = smooth(kalman.tape, kalman.P)
-    first = _kernels.ROW_COV
+    first = layout.ROW_COV
     i, j = np.triu_indices(3)
     for rows_f, rows_s in zip(filtered, smoothed, strict=True):
         gain = np.zeros((3, 3))

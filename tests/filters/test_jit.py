@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 
-from certnav.filters import _jit, _kernels
+from certnav.filters.compiled import jit, kernels
 from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import ErrorModel
 from certnav.filters.sensors import imu_preset
@@ -35,8 +35,8 @@ def test_without_numba_the_numbers_are_the_same(tmp_path):
         "spec.loader.exec_module(run)\n"
         f"np.save({str(file)!r}, run.final())\n"
         "assert 'numba' not in sys.modules\n"
-        "from certnav.filters import _jit, _kernels\n"
-        "print(_jit.notice(_kernels.advance))\n"
+        "from certnav.filters.compiled import jit, kernels\n"
+        "print(jit.notice(kernels.advance))\n"
     )
     environment = {**os.environ, "CERTNAV_NO_JIT": "1"}
     done = subprocess.run(
@@ -50,15 +50,15 @@ def test_without_numba_the_numbers_are_the_same(tmp_path):
 
 def test_a_cold_cache_is_announced_and_a_warm_one_is_not(tmp_path):
     code = (
-        "from certnav.filters import _jit\n"
-        "from certnav.filters._jit import njit\n"
+        "from certnav.filters.compiled import jit\n"
+        "from certnav.filters.compiled.jit import njit\n"
         "import one\n"
-        "print(repr(_jit.notice(one.double)))\n"
+        "print(repr(jit.notice(one.double)))\n"
         "one.double(1.0)\n"
-        "print(repr(_jit.notice(one.double)))\n"
+        "print(repr(jit.notice(one.double)))\n"
     )
     (tmp_path / "one.py").write_text(
-        "from certnav.filters._jit import njit\n\n\n@njit(cache=True)\n"
+        "from certnav.filters.compiled.jit import njit\n\n\n@njit(cache=True)\n"
         "def double(x):\n    return 2.0 * x\n"
     )
     environment = {
@@ -77,5 +77,5 @@ def test_a_cold_cache_is_announced_and_a_warm_one_is_not(tmp_path):
 
 
 def test_kernels_are_compiled_here():
-    assert _jit.COMPILED
-    assert hasattr(_kernels.advance, "py_func")
+    assert jit.COMPILED
+    assert hasattr(kernels.advance, "py_func")

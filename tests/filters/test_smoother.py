@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from certnav.datasets.simulation.sensors import fixes_from_truth, imu_measurements
-from certnav.filters import _kernels, measurements
+from certnav.filters import measurements
+from certnav.filters.compiled import rows as layout
 from certnav.filters.earth import C_en_of
 from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import ErrorModel
@@ -61,7 +62,7 @@ def run(trajectory, seed, smoothing=True, outage=(40, 70), duration=110.0, state
 def position_covariance(rows):
     cov = np.empty((len(rows), 3, 3))
     i, j = np.triu_indices(3)
-    cov[:, i, j] = cov[:, j, i] = rows[:, _kernels.ROW_COV : _kernels.ROW_COV + 6]
+    cov[:, i, j] = cov[:, j, i] = rows[:, layout.ROW_COV : layout.ROW_COV + 6]
     return cov
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from certnav.filters import _kernels
+from certnav.filters.compiled import rows as layout
 from certnav.filters.earth import C_en_of, lla_to_ecef
 from certnav.nav.pipeline import trajectory_from_rows
 
@@ -13,7 +13,7 @@ def test_covariances_are_turned_from_their_own_axes():
     """Position and velocity from e, attitude from b; more rows than are turned at once."""
     rng = np.random.default_rng(2)
     n = 9000
-    rows = rng.standard_normal((n, _kernels.ROW_SIZE))
+    rows = rng.standard_normal((n, layout.ROW_SIZE))
     lat, lon = rng.uniform(-1.5, 1.5, n), rng.uniform(-np.pi, np.pi, n)
     rows[:, 1:4] = lla_to_ecef(lat, lon, rng.uniform(-100.0, 5000.0, n))
     trajectory = trajectory_from_rows(rows)
@@ -21,13 +21,13 @@ def test_covariances_are_turned_from_their_own_axes():
     C_nb = C_ne @ rows[:, 7:16].reshape(-1, 3, 3)
     found = (trajectory.cov_pos_n, trajectory.cov_vel_n, trajectory.cov_att_n)
     for block, (C, cov_n) in enumerate(zip((C_ne, C_ne, C_nb), found, strict=True)):
-        at = _kernels.ROW_COV + 6 * block
+        at = layout.ROW_COV + 6 * block
         cov = rows[:, at : at + 6][:, UPPER]
         np.testing.assert_allclose(cov_n, C @ cov @ np.swapaxes(C, 1, 2), rtol=0.0, atol=1e-12)
 
 
 def test_a_single_row():
-    row = np.zeros((1, _kernels.ROW_SIZE))
+    row = np.zeros((1, layout.ROW_SIZE))
     row[0, 1:4], row[0, 7:16], row[0, 22:28] = (
         [6378137.0, 0, 0],
         np.eye(3).ravel(),

@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from certnav.filters import _kernels, earth, measurements
+from certnav.filters import earth, measurements
+from certnav.filters.compiled import rows as layout
 from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import ErrorModel
 from certnav.filters.rotation import matrix_from_rpy
@@ -70,7 +71,7 @@ def blocks(rows):
     out = np.empty((3, len(rows), 3, 3))
     i, j = np.triu_indices(3)
     for k in range(3):
-        start = _kernels.ROW_COV + 6 * k
+        start = layout.ROW_COV + 6 * k
         out[k][:, i, j] = out[k][:, j, i] = rows[:, start : start + 6]
     return out
 
@@ -86,7 +87,7 @@ def test_never_worse_than_the_filter(model, plan, seed):
         share = np.linalg.eigvalsh(L @ smoothed @ np.swapaxes(L, 1, 2))
         assert share.max() <= 1.0 + 1e-6
         assert share.min() > 0.0
-    bias = slice(_kernels.ROW_STD_BIAS, _kernels.ROW_STD_BIAS + 6)
+    bias = slice(layout.ROW_STD_BIAS, layout.ROW_STD_BIAS + 6)
     assert (rows[:, bias] <= kalman.rows[:, bias] * (1.0 + 1e-6)).all()
 
 

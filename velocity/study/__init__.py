@@ -12,8 +12,9 @@ The names below are imported when they are first asked for: importing the packag
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ...lazy import names
 
 if TYPE_CHECKING:
     from .below_four import FewSatellites, few_satellites
@@ -50,7 +51,6 @@ _PUBLIC = {
     "unaided": ("DriftEffect", "drift_effect"),
     "below_four": ("FewSatellites", "few_satellites"),
 }
-_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 
 __all__ = [
     "Bins",
@@ -78,15 +78,4 @@ __all__ = [
     "velocity_errors",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = names(__name__, _PUBLIC)

@@ -8,12 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from certnav.alignment.in_motion.rows import (
-    DopplerEpoch,
-    inertial_doppler,
-    inertial_rows,
-    joined,
-)
+from certnav.alignment.in_motion.rows import DopplerEpoch, inertial_doppler, inertial_rows, joined
 from certnav.alignment.in_motion.track import InertialTrack, inertial_track
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.earth import gravity_e, lla_to_ecef

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from certnav.alignment.proofs.certificate import (
-    certify,
-    eigenvalue_ratio,
-    stationary_multipliers,
-)
+from certnav.alignment.proofs.certificate import certify, eigenvalue_ratio, stationary_multipliers
 from certnav.alignment.reference.certifiable import certified_minimum
 from certnav.alignment.reference.sdp import solve_dual
 from certnav.alignment.solver.constraints import constraint_matrices, lagrangian, lift

@@ -6,19 +6,17 @@ into about a microsecond per sample. The public faces are `filters.strapdown` (m
 
 State order of P: position, velocity, attitude, gyro bias, accelerometer bias; from 21 states on,
 gyro and accelerometer scale factors; any further state is a constant.
+
+numba's cache watches this file alone: whoever changes `filters.compiled.rows` must touch it.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from ._jit import njit
-from .earth import EARTH_RATE, GM, J2, SEMI_MAJOR_AXIS
-
-# Columns of a recorded row.
-ROW_TIME, ROW_POS, ROW_VEL, ROW_C = 0, 1, 4, 7
-ROW_BIAS, ROW_COV, ROW_STD_BIAS = 16, 22, 40
-ROW_SIZE = 46
+from ..earth import EARTH_RATE, GM, J2, SEMI_MAJOR_AXIS
+from .jit import njit
+from .rows import record
 
 _INTERVAL_TOLERANCE = 1e-9  # [s] shorter pieces are rounding, not time
 
@@ -286,29 +284,6 @@ def covariance_step(P, F, Y, Z, Y9, noise):
         P[3 + i, 3 + i] += noise[1] * dt
         P[9 + i, 9 + i] += noise[2] * dt
         P[12 + i, 12 + i] += noise[3] * dt
-
-
-@njit(cache=True)
-def record(row, t, pos, vel, C, bias, P):
-    """Write time, state, the three 3×3 covariance blocks (upper triangles) and bias σ to `row`."""
-    row[ROW_TIME] = t
-    for i in range(3):
-        row[ROW_POS + i] = pos[i]
-        row[ROW_VEL + i] = vel[i]
-        for j in range(3):
-            row[ROW_C + 3 * i + j] = C[i, j]
-    for i in range(6):
-        row[ROW_BIAS + i] = bias[i]
-    if P.shape[0] == 0:
-        return
-    for i in range(6):
-        row[ROW_STD_BIAS + i] = np.sqrt(P[9 + i, 9 + i])
-    k = ROW_COV
-    for block in range(3):
-        for i in range(3):
-            for j in range(i, 3):
-                row[k] = P[3 * block + i, 3 * block + j]
-                k += 1
 
 
 @njit(cache=True)

@@ -1,0 +1,1 @@
+"""Loops that numba compiles: strapdown and covariance, recorded rows, and the compiler itself."""
