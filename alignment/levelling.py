@@ -28,6 +28,10 @@ SHORTEST_REST = 2.0
 SHORTEST_UNSEEN = 3.0
 #: Time over which spread and mean are taken, to find one [s].
 _BLOCK = 1.0
+#: Largest 1σ of a heading that the filter's linearisation bears [rad]: of the velocity that a
+#: heading error δ turns, cos δ and sin δ leave out δ²/2 beside δ. At 10° that is less than a tenth
+#: of 1σ and a quarter at 3σ; at 48° the neglected term is as large as what is estimated.
+LARGEST_SIGMA_HEADING = np.radians(10.0)
 #: GNSS speed above which the vehicle is certainly moving [m/s].
 REST_SPEED = 0.5
 #: Change of the blocks' means, per axis, within a quiet stretch.
@@ -127,8 +131,11 @@ def level_and_course(
     min_speed: float = 3.0,
     sigma_level: float = np.radians(0.5),
     sigma_heading: float = np.radians(2.0),
+    max_sigma_heading: float = LARGEST_SIGMA_HEADING,
+    backwards: bool = False,
+    after: float = -np.inf,
 ) -> InitialAttitude:
-    """Align by levelling and course at the first epoch fast enough.
+    """Align by levelling and course at the first epoch whose course is known well enough.
 
     Parameters
     ----------
@@ -142,6 +149,12 @@ def level_and_course(
         Horizontal speed from which course counts as heading [m/s].
     sigma_level, sigma_heading : float
         Lower bounds of the resulting 1σ [rad].
+    max_sigma_heading : float
+        Largest 1σ of a course that is taken for a heading [rad].
+    backwards : bool
+        The vehicle drives tail first (`alignment.direction` says which fits).
+    after : float
+        GPS time before which nothing counts [s].
 
     Raises
     ------
@@ -149,22 +162,20 @@ def level_and_course(
         If the vehicle never gets fast enough, or there is no IMU data around that time.
     """
     C_bv = np.asarray(C_bv, dtype=float)
-    k, vel_n, C_en = _first_fast_epoch(stream, track, min_speed)
+    k, vel_n, C_en = _first_fast_epoch(stream, track, min_speed, max_sigma_heading, after)
     time = float(track.time[k])
     speed = float(np.hypot(vel_n[0], vel_n[1]))
-    course = float(np.arctan2(vel_n[1], vel_n[0]))
+    heading = float(np.arctan2(vel_n[1], vel_n[0])) + (np.pi if backwards else 0.0)
     rest = _rest_before(stream, track, k, imu, C_bv)
     bias_tilt = np.hypot(imu.accel_bias_initial_sigma, imu.accel_bias_sigma) / 9.8
     if rest is not None:
-        C_hb, mean_rate, elapsed, moved = _carry_from_rest(stream, rest, time, C_bv)
-        backwards = moved < -0.25 * speed
+        C_hb, mean_rate, elapsed, _ = _carry_from_rest(stream, rest, time, C_bv)
         drift = imu.gyro_bias_sigma * elapsed + imu.gyro_noise_density * np.sqrt(elapsed)
         tilt = float(np.sqrt(bias_tilt**2 + drift**2))
     else:
-        C_hb = _level_in_motion(stream, track, k, course, C_bv)
-        mean_rate, backwards = None, False
+        C_hb = _level_in_motion(stream, track, k, heading, C_bv)
+        mean_rate = None
         tilt = float(np.hypot(bias_tilt, np.radians(2.0)))
-    heading = course + (np.pi if backwards else 0.0)
     # C_hb has an arbitrary azimuth; turn it so that the vehicle's nose has the heading.
     nose = (C_hb @ C_bv)[:, 0]
     turn = matrix_from_rpy([0.0, 0.0, heading - np.arctan2(nose[1], nose[0])])
@@ -190,10 +201,14 @@ def level_and_course(
 
 
 def _first_fast_epoch(
-    stream: InertialStream, track: VelocityTrack, min_speed: float
+    stream: InertialStream,
+    track: VelocityTrack,
+    min_speed: float,
+    max_sigma: float,
+    after: float,
 ) -> tuple[int, FloatArray, FloatArray]:
-    """Return the first epoch at `min_speed`, its NED velocity and C_en there."""
-    inside = (track.time > stream.start + 1.0) & (track.time < stream.end)
+    """Return the first epoch at `min_speed` with a course good enough, its NED velocity, C_en."""
+    inside = (track.time > max(stream.start + 1.0, after)) & (track.time < stream.end)
     if not inside.any():
         raise AlignmentError(
             "no GNSS velocity within the IMU data — is there Doppler, and do the times overlap?"
@@ -211,7 +226,15 @@ def _first_fast_epoch(
             f"{speed[inside].max():.1f} m/s) — lower alignment.min_speed_mps or give "
             "alignment.heading_deg, roll_deg and pitch_deg"
         )
-    k = int(fast[0])
+    known = fast[track.sigma[fast] <= max_sigma * speed[fast]]
+    if not known.size:
+        best = float(np.degrees(np.min(track.sigma[fast] / speed[fast])))
+        raise AlignmentError(
+            f"no heading: the course is known to ±{best:.0f}° at best (limit "
+            f"{np.degrees(max_sigma):.0f}°) — more satellites or more speed would help, or give "
+            "alignment.heading_deg, roll_deg and pitch_deg"
+        )
+    k = int(known[0])
     return k, vel_n[k], C_en
 
 

@@ -1,8 +1,7 @@
 """Compiled inner loop: strapdown and covariance over all IMU samples between two updates.
 
-Written as plain loops over small arrays without allocation, because that is what numba turns
-into about a microsecond per sample. The public faces are `filters.strapdown` (mechanisation) and
-`filters.error_model` (transition matrix); the tests hold this module to both.
+Plain loops over small arrays without allocation: numba makes a microsecond per sample of them.
+The public faces are `filters.strapdown` and `filters.error_model`; tests hold this to both.
 
 State order of P: position, velocity, attitude, gyro bias, accelerometer bias; from 21 states on,
 gyro and accelerometer scale factors; any further state is a constant.

@@ -59,21 +59,14 @@ class CertifiedStart:
         self.first_epoch: float | None = None
         self._aligner: MotionAligner | None = None
 
-    def offer(self, event: GnssEvent, attempt: Callable[[float], bool]) -> Start | None:
-        """Take the Doppler of an event, if it has any; return the start if a window passes.
-
-        Parameters
-        ----------
-        event : GnssEvent
-        attempt : callable
-            Told the time of the Doppler [s], says whether an attempt is wanted then.
-        """
+    def offer(self, event: GnssEvent) -> Start | None:
+        """Take the Doppler of an event, if it has any; return the start if a window passes."""
         epoch, stream = event.epoch, self.fixes.stream
         if epoch is None or not stream.start <= epoch.time <= stream.end:
             return None
         if self._aligner is None:
             self._aligner, self.first_epoch = self._new_aligner(), epoch.time
-        made = self._aligner.add(epoch, attempt(epoch.time))
+        made = self._aligner.add(epoch)
         if made is None:
             return None
         position = self.fixes.position

@@ -5,11 +5,12 @@ lies before it: a recorded drive and the same drive live start at the same insta
 numbers. The rule of 'auto':
 
     roll, pitch and heading given   →  these, at the first velocity with a position
-    a standstill to begin with      →  levelled there, heading from course as soon as it drives
     raw Doppler                     →  certified in motion, if a window passes within twice
-                                       `max_window_s` of the first Doppler
-    no raw Doppler, or no window    →  levelled in motion, heading from course, at the instant at
-       passed by then                  which there was enough for it; the message says why
+                                       `max_window_s` of the first Doppler, whether or not it
+                                       began with a standstill
+    no raw Doppler, or no window    →  levelled, at rest if there was a standstill, heading from
+       passed by then                  course, at the instant at which there was enough for it;
+                                       the message says why
 
 After two windows without a pass there is no telling when one will.
 """
@@ -87,10 +88,8 @@ class StartFinder:
         levelled = None
         if self.method != "certified" and self._fallback is None:
             levelled = self._levelled.offer(event.time)
-            if levelled is not None and levelled.attitude.sigma_gyro_bias is not None:
-                return levelled
         if self.method != "level+course":
-            certified = self._certified.offer(event, self._attempts_at)
+            certified = self._certified.offer(event)
             if certified is not None:
                 return certified
         self._fallback = self._fallback or levelled
@@ -122,7 +121,7 @@ class StartFinder:
             )
         if self._fallback is None:
             try:
-                self._fallback = self._fixes.start(self._levelled.attitude())
+                self._fallback = self._levelled.at_last()
             except AlignmentError as error:
                 if not self.attempts:
                     raise
@@ -137,11 +136,6 @@ class StartFinder:
         """When 'auto' has waited long enough for a window [s]."""
         first = self._certified.first_epoch
         return np.inf if first is None else first + _WINDOWS * self.config.max_window_s
-
-    def _attempts_at(self, time: float) -> bool:
-        """Whether a window is tried: 'auto' leaves it to levelling where a standstill was first."""
-        levels = self.method == "auto" and self._levelled.began_at_rest and time < self._deadline
-        return not levels
 
     def _without_certificate(self, start: Start) -> Start:
         """Return a levelled start with the reason why it is not a certified one."""

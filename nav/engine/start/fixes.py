@@ -13,6 +13,8 @@ from ....filters.strapdown import InertialStream, NavState
 from ..events import GnssEvent
 from .state import Start
 
+#: Positions agree that lie so near to their median, and as far as one gets meanwhile [m], [m/s].
+_NEAR, _FASTEST = 1000.0, 100.0
 #: A velocity can start the filter if a position lies this close to it [s].
 POSITION_NEAR = 2.5
 
@@ -28,8 +30,6 @@ class Fixes:
 
     Attributes
     ----------
-    pairs : list of (GnssEvent, GnssEvent)
-        Velocity and its position: the last before it, else the next one after it.
     position : GnssEvent or None
         The latest.
     counts : dict
@@ -38,7 +38,7 @@ class Fixes:
 
     def __init__(self, stream: InertialStream, calibration: Calibration) -> None:
         self.stream, self.calibration = stream, calibration
-        self.pairs: list[tuple[GnssEvent, GnssEvent]] = []
+        self._all: list[tuple[GnssEvent, GnssEvent]] = []
         self.position: GnssEvent | None = None
         self.counts = {"position": 0, "velocity": 0}
         self._unpaired: list[GnssEvent] = []
@@ -58,8 +58,19 @@ class Fixes:
         near = [v for v in self._unpaired if abs(position.time - v.time) <= POSITION_NEAR]
         self._unpaired = [v for v in self._unpaired if v.time > position.time + POSITION_NEAR]
         made = [(velocity, position) for velocity in near]
-        self.pairs += made
+        self._all += made
         return made
+
+    @property
+    def pairs(self) -> list[tuple[GnssEvent, GnssEvent]]:
+        """Pairs whose positions agree with most of the others: one bad fix levels nothing."""
+        if len(self._all) < 2:
+            return []
+        pos_e = np.array([p.value_e for _, p in self._all])
+        time = np.array([p.time for _, p in self._all])
+        reach = _NEAR + _FASTEST * np.ptp(time)
+        near = np.linalg.norm(pos_e - np.median(pos_e, axis=0), axis=1) <= reach
+        return [pair for pair, ok in zip(self._all, near, strict=True) if ok]
 
     def track(self) -> VelocityTrack:
         """Return all velocities, with their positions, as levelling takes them."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+from ....alignment.direction import log_odds
 from ....alignment.levelling import (
     LEVEL_WINDOW,
-    REST_SPEED,
     InitialAttitude,
     given_attitude,
     level_and_course,
@@ -17,13 +18,19 @@ from ....filters.errors import AlignmentError
 from ....filters.sensors import ImuSpec
 from ...config import AlignmentConfig
 from ..events import GnssEvent
-from .fixes import Fixes, level_speed, sigma_of
+from .fixes import Fixes, level_speed
 from .state import Start
 
 #: What levelling in motion looks at past its instant [s].
 _LEVEL_AFTER = 0.5 * LEVEL_WINDOW + 2.0
 #: After a failure levelling is tried again so much later [s].
 _AGAIN = 1.0
+#: ln of the odds, before anything is measured, that a vehicle moves nose first: 100 to 1; and of
+#: those that are enough: once in a thousand starts such odds are wrong.
+_FORWARDS, _SURE = float(np.log(100.0)), float(np.log(1000.0))
+_OPEN = "nose or tail first is not decided"
+#: Longer than this after its instant an attitude is not disputed any more [s].
+_GIVEN_UP = 25.0
 
 
 def given_start(fixes: Fixes, config: AlignmentConfig) -> Start | None:
@@ -37,7 +44,7 @@ def given_start(fixes: Fixes, config: AlignmentConfig) -> Start | None:
 
 
 class LevelledStart:
-    """Level, and heading from course, once it is fast enough.
+    """Level, and heading from course, once that is known and it is clear which way round.
 
     Parameters
     ----------
@@ -52,8 +59,8 @@ class LevelledStart:
         self, fixes: Fixes, config: AlignmentConfig, imu: ImuSpec, say: Callable[[str], None]
     ) -> None:
         self.fixes, self.config, self.imu, self.say = fixes, config, imu, say
-        self.tried = False
         self._due: float | None = None
+        self._after = -np.inf
 
     def take(self, pairs: list[tuple[GnssEvent, GnssEvent]]) -> None:
         """Look at the speeds of new pairs."""
@@ -64,26 +71,16 @@ class LevelledStart:
             if self._due is None:
                 self.say(f"no heading: slower than {slowest:.1f} m/s so far")
 
-    @property
-    def began_at_rest(self) -> bool:
-        """Whether GNSS saw a standstill first, and levelling has not been tried yet."""
-        if self.tried or not self.fixes.pairs:
-            return False
-        velocity, _ = self.fixes.pairs[0]
-        limit = max(REST_SPEED, 3.0 * sigma_of(velocity))
-        return bool(np.linalg.norm(velocity.value_e) <= limit)
-
     def offer(self, now: float) -> Start | None:
         """Return the start if it is due by `now` [s] and can be had.
 
         After a standstill that is at once, else as soon as there is what levelling in motion
-        looks at past its instant.
+        looks at past its instant; in either case when it is clear whether nose or tail goes first.
         """
         if self._due is None or now < self._due:
             return None
-        self.tried = True
         try:
-            attitude = self.attitude()
+            attitude, odds = self._attitude()
         except AlignmentError as error:
             self.say(str(error))
             self._due = now + _AGAIN
@@ -93,9 +90,38 @@ class LevelledStart:
             self.say(f"levelling: complete at {ready:.1f} s")
             self._due = ready
             return None
+        if odds < _SURE:
+            self.say(f"{_OPEN}: a turn or a change of speed would tell")
+            self._due = now + _AGAIN
+            if now > attitude.time + _GIVEN_UP:
+                self._after = now - _AGAIN  # what gyros carry no further is tried anew
+            return None
         return self.fixes.start(attitude)
 
-    def attitude(self) -> InitialAttitude:
+    def at_last(self) -> Start:
+        """Return the start from what there is: no more will come.
+
+        Raises
+        ------
+        AlignmentError
+            Why there is none.
+        """
+        self._after = -np.inf
+        attitude, odds = self._attitude()
+        if odds < _SURE:
+            message = f"{attitude.message}; {_OPEN}: the likelier is taken"
+            attitude = replace(attitude, message=message)
+        return self.fixes.start(attitude)
+
+    def _attitude(self) -> tuple[InitialAttitude, float]:
+        """Return the likelier attitude, and ln of the odds for it against half a turn more."""
+        forwards, backwards = self.attitude(), self.attitude(backwards=True)
+        odds = _FORWARDS + log_odds(self.fixes.stream, self.fixes.track(), forwards, backwards)
+        if odds >= 0.0:
+            return forwards, odds
+        return replace(backwards, message=f"{backwards.message}, reversing"), -odds
+
+    def attitude(self, backwards: bool = False) -> InitialAttitude:
         """Return the attitude from all there is so far.
 
         Raises
@@ -108,4 +134,5 @@ class LevelledStart:
         return level_and_course(
             self.fixes.stream, self.fixes.track(), calibration.C_bv, self.imu,
             min_speed=config.min_speed_mps, sigma_level=level, sigma_heading=heading,
+            backwards=backwards, after=self._after,
         )  # fmt: skip

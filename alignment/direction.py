@@ -1,0 +1,90 @@
+"""Nose or tail first? Which of two headings, half a turn apart, fits the accelerations.
+
+A course says where a vehicle goes, not where it points. Whichever way it points, its velocity
+changes as GNSS sees it; what the accelerometers feel, turned with the wrong heading, is that change
+with the opposite sign. A turn decides it as well as a change of speed; a straight road at constant
+speed leaves both open.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..filters.earth import C_en_of, gravity_e
+from ..filters.errors import AlignmentError
+from ..filters.rotation import FloatArray
+from ..filters.strapdown import InertialStream
+from .in_motion.track import inertial_track
+from .levelling import InitialAttitude, VelocityTrack
+
+#: How far from the instant of the attitude gyros alone are believed [s].
+_REACH = 30.0
+#: Vibration, time stamps, lever arm: 1σ of a change of velocity, beside GNSS's own [m/s].
+_FLOOR = 0.15
+#: Epochs further apart than this do not make a difference worth having [s].
+_LONGEST = 2.5
+
+
+def log_odds(
+    stream: InertialStream,
+    track: VelocityTrack,
+    forwards: InitialAttitude,
+    backwards: InitialAttitude,
+) -> float:
+    """Return how much more likely the first of two attitudes is, as a natural logarithm.
+
+    Parameters
+    ----------
+    stream : InertialStream
+    track : VelocityTrack
+        What there is so far.
+    forwards, backwards : InitialAttitude
+        Of one instant.
+
+    Returns
+    -------
+    float
+        ln of the likelihood ratio; 0 where nothing tells.
+    """
+    inside = (track.time > stream.start + 0.05) & (track.time < stream.end - 0.05)
+    inside &= np.abs(track.time - forwards.time) <= _REACH
+    k = np.flatnonzero(inside)
+    k = k[np.diff(track.time[k], prepend=-np.inf) > 1e-3]
+    if k.size < 3:
+        return 0.0
+    try:
+        fits = [_misfit(stream, track, k, attitude) for attitude in (forwards, backwards)]
+    except AlignmentError:
+        return 0.0
+    (chi2_f, dof), (chi2_b, _) = fits
+    # Noise that is larger than assumed makes both fit badly, and the difference worth less.
+    scale = max(1.0, min(chi2_f, chi2_b) / max(dof, 1))
+    return 0.5 * (chi2_b - chi2_f) / scale
+
+
+def _misfit(
+    stream: InertialStream, track: VelocityTrack, k: np.ndarray, attitude: InitialAttitude
+) -> tuple[float, int]:
+    """Return χ² of the changes of horizontal velocity, and degrees of freedom.
+
+    A constant error of level and accelerometer, in body axes, is left free.
+    """
+    time = np.union1d(track.time[k], [attitude.time])
+    imu = inertial_track(stream, time, attitude.gyro_bias)
+    at = int(np.searchsorted(time, attitude.time))
+    C_ew = attitude.C_eb @ imu.C_wb[at].T
+    rows = np.searchsorted(time, track.time[k])
+    C_en = C_en_of(track.pos_e[k[0]])
+    dt = np.diff(track.time[k])
+    felt_e = np.diff(imu.dv_w[rows], axis=0) @ C_ew.T
+    felt_e = felt_e + gravity_e(track.pos_e[k[0]]) * dt[:, None]
+    off = (np.diff(track.vel_e[k], axis=0) - felt_e) @ C_en[:, :2]
+    C_nb = C_en.T @ C_ew @ imu.C_wb[rows[:-1]]
+    sigma = np.sqrt(track.sigma[k][1:] ** 2 + track.sigma[k][:-1] ** 2 + _FLOOR**2)
+    near = dt <= _LONGEST
+    y = (off / sigma[:, None])[near].ravel()
+    A = (C_nb[:, :2, :] * (dt / sigma)[:, None, None])[near].reshape(-1, 3)
+    if y.size < 4:
+        raise AlignmentError("too few changes of velocity")
+    rest: FloatArray = y - A @ np.linalg.lstsq(A, y, rcond=1e-6)[0]
+    return float(rest @ rest), y.size - 3
