@@ -1,12 +1,14 @@
 """From observations to events: at their true times, as sure as they are, and why not otherwise."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from certnav.datasets.observations import GnssFixes
 from certnav.datasets.rtklib import SinglePoint
+from certnav.datasets.rtklib.persistence import Persistent
 from certnav.datasets.sequence import Sequence
 from certnav.datasets.series import ImuData
 from certnav.filters.earth import SPEED_OF_LIGHT
@@ -47,12 +49,14 @@ def positions(time, pos_e, quality="single"):
 def single(monkeypatch):
     """Single-point positioning that says what it is told: fixes, clock [s], failures, faults."""
 
-    def says(time, clock=0.0, failed=(), rejected=(), satellites=ALL, pos_e=rigs.PLACE):
+    def says(
+        time, clock=0.0, failed=(), rejected=(), satellites=ALL, pos_e=rigs.PLACE, persistent=()
+    ):
         n = len(time)
         result = SinglePoint(
             positions(time, np.broadcast_to(pos_e, (n, 3))),
             SPEED_OF_LIGHT * np.broadcast_to(clock, n), tuple(failed), (satellites,) * n,
-            tuple(rejected),
+            tuple(rejected), tuple(persistent),
         )  # fmt: skip
         asked = {}
 
@@ -202,6 +206,36 @@ def test_rows_that_were_out_already_are_not_counted_as_refused(single):
     single(times, rejected=mine[:25].tolist())
     (note,) = gnss_timeline(sequence(observations), gnss()).notes[1:]
     assert note.text.startswith("G04: 62 %") and not note.doubtful
+
+
+def test_a_satellite_that_is_wrong_all_the_time_is_doubtful(single):
+    single([10.0], persistent=[Persistent("G04", -7.4, 60)])
+    found = gnss_timeline(sequence(rigs.sky(time=10.0)), gnss())
+    (note,) = found.notes[1:]
+    assert note.doubtful and note.text.startswith("G04: its pseudoranges contradict")
+    assert "by -7 m on the average of 60 fixes" in note.text
+
+
+def test_relative_positions_get_only_what_a_fix_vouches_for(single, monkeypatch):
+    """Neither a pseudorange that was refused, nor an epoch without a fix, nor what is weak."""
+    seen = {}
+
+    def fake(events, screened, given, config):
+        seen["screened"] = screened
+        return events, "RTK: so and so"
+
+    monkeypatch.setattr("certnav.nav.engine.gnss.with_relative_positions", fake)
+    single([10.0, 12.0], rejected=[2], failed=[(11.0, "3 satellites")])
+    observations = epochs_of([10.0, 11.0, 12.0], cn0={"G05": 20.0})
+    with_base = sequence(observations, rover_file=Path("rover"), base=(Path("base"),))
+    found = gnss_timeline(with_base, gnss(position="rtk"))
+    rejected = seen["screened"].rejected.reshape(3, 8).tolist()
+    lost = "not in the single-point fix"
+    assert rejected[0] == ["", "", lost, "", "weak signal", "", "", ""]
+    assert rejected[1] == [lost] * 4 + ["weak signal"] + [lost] * 3
+    assert rejected[2] == ["", "", "", "", "weak signal", "", "", ""]
+    assert found.notes[-1].text == "RTK: so and so"
+    assert lost not in found.observations.rejected  # its Doppler is as good as any
 
 
 # Doppler.
