@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from certnav.datasets.observations import GnssObservations
+from certnav.datasets.observations import GnssFixes, GnssObservations
 from certnav.datasets.sequence import Calibration, Sequence
+from certnav.datasets.series import ImuData
 from certnav.datasets.simulation.canyon import City
 from certnav.datasets.simulation.constellation import write_navigation
 from certnav.datasets.simulation.signals import WAVELENGTH, ReceiverClock, SignalTruth, observe
@@ -41,6 +42,8 @@ C_EN = C_en_of(PLACE)
 IMU = imu_preset("adis16470")
 #: Drift of the receiver's clock [m/s].
 DRIFT = 12.0
+#: As RTKLIB would give it: two metres horizontally, three vertically [m²].
+FIX_COV = np.diag([4.0, 4.0, 9.0])
 NAMES = ("G01", "G02", "G03", "G04", "G05", "G06", "G07", "G08")
 
 
@@ -149,6 +152,31 @@ def sky(
         loss_of_lock=np.zeros(n, dtype=int), sat_pos_e=sat_pos_e, sat_vel_e=sat_vel_e,
         sat_clock=np.zeros(n), sat_clock_drift=np.zeros(n), elevation=nan, azimuth=nan,
         rejected=np.full(n, "", dtype="U24"),
+    )  # fmt: skip
+
+
+def positions(time: ArrayLike, pos_e: ArrayLike, quality: str = "single") -> GnssFixes:
+    """Return positions without velocity, of `FIX_COV`, one each or one for all."""
+    at = np.asarray(time, dtype=float)
+    n = at.size
+    return GnssFixes(
+        at, np.broadcast_to(np.asarray(pos_e), (n, 3)), np.tile(FIX_COV, (n, 1, 1)),
+        np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan), np.full(n, 8), np.full(n, quality),
+    )  # fmt: skip
+
+
+def recording(
+    observations: GnssObservations | None = None,
+    fixes: GnssFixes | None = None,
+    navigation: tuple[str, ...] = ("nav",),
+    **more: object,
+) -> Sequence:
+    """Return a recording of 100 s at rest with what GNSS has to offer."""
+    rest = stream_at_rest(C_EN, 100.0)
+    return Sequence(
+        "made-up", ImuData(rest.edges[1:], rest.gyro, rest.accel), calibration(),
+        observations=observations, fixes=fixes,
+        navigation=navigation if observations is not None else (), **more,
     )  # fmt: skip
 
 
