@@ -7,8 +7,6 @@ by hand.
 from __future__ import annotations
 
 import dataclasses
-import tempfile
-from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -199,11 +197,15 @@ class CityDrive(NamedTuple):
     clock: ReceiverClock
 
 
-@cache
-def city_drive() -> CityDrive:
+def city_drive(folder: Path) -> CityDrive:
     """Return 100 s between houses, with reflections and a receiver's clock 50 ms ahead.
 
     Single-point positions and Doppler at 1 Hz, a lever arm of 1.7 m, 15 s of standstill first.
+
+    Parameters
+    ----------
+    folder : Path
+        For the navigation file.
     """
     config = SimulationConfig(
         seed=5, duration=100.0, density="urban", nlos_probability=0.8, static_start=15.0,
@@ -218,6 +220,6 @@ def city_drive() -> CityDrive:
         np.array(config.lever_antenna_b), np.random.default_rng(17),
     )  # fmt: skip
     made = dataclasses.replace(made, observations=observations, signals=signals, clock=clock)
-    file = Path(tempfile.mkdtemp(prefix="certnav-city-")) / "navigation.20n"
+    file = folder / "navigation.20n"
     write_navigation(file, made.ephemerides, config.start_time, config.start_time + config.duration)
     return CityDrive(made.sequence(navigation=(file,)), made, signals, clock)

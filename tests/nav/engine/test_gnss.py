@@ -55,11 +55,6 @@ def of_kind(timeline, *kinds):
 
 
 @pytest.fixture(scope="module")
-def city():
-    return rigs.city_drive()
-
-
-@pytest.fixture(scope="module")
 def timeline(city):
     return gnss_timeline(city.sequence, from_tables({"gnss": CITY}).gnss)
 

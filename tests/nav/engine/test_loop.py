@@ -309,11 +309,6 @@ def test_what_the_filter_chokes_on_is_a_divergence(monkeypatch, error):
 
 
 @pytest.fixture(scope="module")
-def city():
-    return rigs.city_drive()
-
-
-@pytest.fixture(scope="module")
 def solution(city):
     return navigate(city.sequence, from_tables({
         "gnss": {"min_cn0_dbhz": 27.0, "elevation_mask_deg": 5.0},
