@@ -7,8 +7,6 @@ by hand.
 from __future__ import annotations
 
 import dataclasses
-import tempfile
-from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from certnav.datasets.observations import GnssObservations
+from certnav.datasets.observations import GnssFixes, GnssObservations
 from certnav.datasets.sequence import Calibration, Sequence
+from certnav.datasets.series import ImuData
 from certnav.datasets.simulation.canyon import City
 from certnav.datasets.simulation.constellation import write_navigation
 from certnav.datasets.simulation.signals import WAVELENGTH, ReceiverClock, SignalTruth, observe
@@ -41,6 +40,8 @@ C_EN = C_en_of(PLACE)
 IMU = imu_preset("adis16470")
 #: Drift of the receiver's clock [m/s].
 DRIFT = 12.0
+#: As RTKLIB would give it: two metres horizontally, three vertically [m²].
+FIX_COV = np.diag([4.0, 4.0, 9.0])
 NAMES = ("G01", "G02", "G03", "G04", "G05", "G06", "G07", "G08")
 
 
@@ -152,6 +153,31 @@ def sky(
     )  # fmt: skip
 
 
+def positions(time: ArrayLike, pos_e: ArrayLike, quality: str = "single") -> GnssFixes:
+    """Return positions without velocity, of `FIX_COV`, one each or one for all."""
+    at = np.asarray(time, dtype=float)
+    n = at.size
+    return GnssFixes(
+        at, np.broadcast_to(np.asarray(pos_e), (n, 3)), np.tile(FIX_COV, (n, 1, 1)),
+        np.full((n, 3), np.nan), np.full((n, 3, 3), np.nan), np.full(n, 8), np.full(n, quality),
+    )  # fmt: skip
+
+
+def recording(
+    observations: GnssObservations | None = None,
+    fixes: GnssFixes | None = None,
+    navigation: tuple[str, ...] = ("nav",),
+    **more: object,
+) -> Sequence:
+    """Return a recording of 100 s at rest with what GNSS has to offer."""
+    rest = stream_at_rest(C_EN, 100.0)
+    return Sequence(
+        "made-up", ImuData(rest.edges[1:], rest.gyro, rest.accel), calibration(),
+        observations=observations, fixes=fixes,
+        navigation=navigation if observations is not None else (), **more,
+    )  # fmt: skip
+
+
 def joined(*epochs: GnssObservations) -> GnssObservations:
     """Return epochs one after the other."""
     return GnssObservations(
@@ -171,11 +197,15 @@ class CityDrive(NamedTuple):
     clock: ReceiverClock
 
 
-@cache
-def city_drive() -> CityDrive:
+def city_drive(folder: Path) -> CityDrive:
     """Return 100 s between houses, with reflections and a receiver's clock 50 ms ahead.
 
     Single-point positions and Doppler at 1 Hz, a lever arm of 1.7 m, 15 s of standstill first.
+
+    Parameters
+    ----------
+    folder : Path
+        For the navigation file.
     """
     config = SimulationConfig(
         seed=5, duration=100.0, density="urban", nlos_probability=0.8, static_start=15.0,
@@ -190,6 +220,6 @@ def city_drive() -> CityDrive:
         np.array(config.lever_antenna_b), np.random.default_rng(17),
     )  # fmt: skip
     made = dataclasses.replace(made, observations=observations, signals=signals, clock=clock)
-    file = Path(tempfile.mkdtemp(prefix="certnav-city-")) / "navigation.20n"
+    file = folder / "navigation.20n"
     write_navigation(file, made.ephemerides, config.start_time, config.start_time + config.duration)
     return CityDrive(made.sequence(navigation=(file,)), made, signals, clock)

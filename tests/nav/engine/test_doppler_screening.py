@@ -49,6 +49,15 @@ def test_a_majority_must_agree_on_the_jump(count, wrong, forgotten):
     assert (sigma_clock(kalman) > 100.0) == forgotten
 
 
+def test_a_minority_that_agrees_with_the_old_drift_does_not_hold_the_clock():
+    """Two of five, by chance; the other three agree with each other."""
+    kalman = knowing()
+    bias = dict.fromkeys(rigs.NAMES[:2], -JUMP)
+    used = screened(kalman, rows(rigs.NAMES[:5], drift=rigs.DRIFT + JUMP, bias=bias))
+    assert used.tolist() == [False, False, True, True, True]
+    assert sigma_clock(kalman) == pytest.approx(1000.0)
+
+
 def test_where_half_agrees_the_clock_is_right():
     kalman = knowing()
     bias = dict.fromkeys(rigs.NAMES[:4], JUMP)

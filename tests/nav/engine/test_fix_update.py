@@ -105,14 +105,14 @@ def test_a_position_that_is_no_number_is_refused(kalman):
 
 
 def test_the_lever_arm_is_as_well_known_as_it_is(kalman):
-    """σ 2 m adds 4 m² on every axis, and the antenna is where the lever puts it."""
-    made = updates(kalman, LEVER, sigma=2.0)
+    """σ 3 m adds 9 m² on every axis, and the antenna is where the lever puts it."""
+    made = updates(kalman, LEVER, sigma=3.0)
     antenna = kalman.pos_e + kalman.C_eb @ LEVER
     kalman.P[:] = np.diag(np.diag(kalman.P))
     kalman.P[6:9, 6:9] = 0.0
     for axis in range(3):
         event = GnssEvent(0.0, "position", antenna + 3.0 * np.eye(3)[axis], np.eye(3))
-        assert made.offer(event, False).nis == pytest.approx(9.0 / 6.0)
+        assert made.offer(event, False).nis == pytest.approx(9.0 / 11.0)
         kalman.P[0:3, 0:3] = np.eye(3)
         kalman.pos_e[:] = rigs.PLACE
 
@@ -147,7 +147,7 @@ def test_a_shared_position_is_measured_with_its_shared_error():
 
     So said with the lever's own doubt, which is not shared: 0.2 + σ².
     """
-    for sigma, variance in ((0.0, 0.2), (2.0, 4.2)):
+    for sigma, variance in ((0.0, 0.2), (3.0, 9.2)):
         kalman = rigs.filter_at_rest(fix_correlation=10.0)
         update = updates(kalman, sigma=sigma).offer(position(0.5, shared=True), False)
         assert update.nis == pytest.approx(0.25 / variance)

@@ -1,58 +1,39 @@
 """From observations to events: at their true times, as sure as they are, and why not otherwise."""
 
-import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from certnav.datasets.observations import GnssFixes
 from certnav.datasets.rtklib import SinglePoint
-from certnav.datasets.sequence import Sequence
-from certnav.datasets.series import ImuData
+from certnav.datasets.rtklib.persistence import Persistent
 from certnav.filters.earth import SPEED_OF_LIGHT
 from certnav.filters.errors import ConfigError
 from certnav.nav.config_files import from_tables
-from certnav.nav.engine.gnss import gnss_timeline, sources
+from certnav.nav.engine.gnss import gnss_timeline
 from certnav.velocity.range_rate import line_of_sight
 from oracles import rigs
 
 CITY = {"min_cn0_dbhz": 27.0, "elevation_mask_deg": 5.0}
 ALL = rigs.NAMES
-#: As RTKLIB would give it: two metres horizontally, three vertically.
-COV = np.diag([4.0, 4.0, 9.0])
-STILL = rigs.stream_at_rest(rigs.C_EN, 100.0)
-IMU = ImuData(STILL.edges[1:], STILL.gyro, STILL.accel)
 
 
 def gnss(**options):
     return from_tables({"gnss": {"elevation_mask_deg": 0.0, **options}}).gnss
 
 
-def sequence(observations=None, fixes=None, navigation=("nav",), **more):
-    return Sequence(
-        "made-up", IMU, rigs.calibration(), observations=observations, fixes=fixes,
-        navigation=navigation if observations is not None else (), **more,
-    )  # fmt: skip
-
-
-def positions(time, pos_e, quality="single"):
-    n = len(time)
-    return GnssFixes(
-        np.asarray(time), np.asarray(pos_e), np.tile(COV, (n, 1, 1)), np.full((n, 3), np.nan),
-        np.full((n, 3, 3), np.nan), np.full(n, 8), np.full(n, quality),
-    )  # fmt: skip
-
-
 @pytest.fixture
 def single(monkeypatch):
     """Single-point positioning that says what it is told: fixes, clock [s], failures, faults."""
 
-    def says(time, clock=0.0, failed=(), rejected=(), satellites=ALL, pos_e=rigs.PLACE):
+    def says(
+        time, clock=0.0, failed=(), rejected=(), satellites=ALL, pos_e=rigs.PLACE, persistent=()
+    ):
         n = len(time)
         result = SinglePoint(
-            positions(time, np.broadcast_to(pos_e, (n, 3))),
+            rigs.positions(time, pos_e),
             SPEED_OF_LIGHT * np.broadcast_to(clock, n), tuple(failed), (satellites,) * n,
-            tuple(rejected),
+            tuple(rejected), tuple(persistent),
         )  # fmt: skip
         asked = {}
 
@@ -71,11 +52,6 @@ def of_kind(timeline, *kinds):
 
 
 # A drive with a receiver whose clock is 50 ms ahead.
-
-
-@pytest.fixture(scope="module")
-def city():
-    return rigs.city_drive()
 
 
 @pytest.fixture(scope="module")
@@ -129,10 +105,10 @@ def epochs_of(times, **options):
 def test_a_fix_is_scaled_and_dated(single):
     asked = single([10.0, 11.0], clock=[0.05, 0.07], satellites=("G01", "G02", "G03", "G04"))
     options = gnss(position_sigma_scale=2.0, position_sigma_floor_m=0.5, velocity="none")
-    found = gnss_timeline(sequence(epochs_of([10.0, 11.0])), options)
+    found = gnss_timeline(rigs.recording(epochs_of([10.0, 11.0])), options)
     assert [e.time for e in found.events] == pytest.approx([9.95, 10.93], abs=1e-9)
     for event in found.events:
-        np.testing.assert_allclose(event.cov_e, 4.0 * COV + 0.25 * np.eye(3))
+        np.testing.assert_allclose(event.cov_e, 4.0 * rigs.FIX_COV + 0.25 * np.eye(3))
         assert event.satellites == ("G01", "G02", "G03", "G04") and event.shared
     assert asked["elevation_mask"] == 0.0 and asked["raim"] is True
     assert [n.text for n in found.notes] == ["positions: spp; velocities: none"]
@@ -144,7 +120,7 @@ def test_what_is_configured_reaches_single_point_positioning(single):
         elevation_mask_deg=15.0, ionosphere="off", troposphere="off", raim=False,
         code_sigma_m=1.5, code_weak_sigma_m=4.0,
     )  # fmt: skip
-    gnss_timeline(sequence(rigs.sky(time=10.0)), options)
+    gnss_timeline(rigs.recording(rigs.sky(time=10.0)), options)
     assert asked["elevation_mask"] == pytest.approx(np.radians(15.0))
     assert (asked["ionosphere"], asked["troposphere"], asked["raim"]) == ("off", "off", False)
     assert (asked["code_sigma"], asked["weak_sigma"]) == (1.5, 4.0)
@@ -158,7 +134,7 @@ def test_an_epoch_without_a_fix_says_why_when_and_whose(single):
         pseudorange=np.where(silent, np.nan, observations.pseudorange)
     )
     single([10.0, 12.0], clock=[0.02, 0.04], failed=[(11.0, "chi-square error nv=7 vs=21.3")])
-    found = gnss_timeline(sequence(observations), gnss(velocity="none")).events
+    found = gnss_timeline(rigs.recording(observations), gnss(velocity="none")).events
     assert [e.time for e in found] == pytest.approx([9.98, 10.97, 11.96], abs=1e-9)
     assert [e.reason for e in found] == ["", "no fix: chi-square error", ""]
     assert found[1].satellites == ("G01", "G03", "G04", "G06", "G07", "G08")
@@ -166,14 +142,14 @@ def test_an_epoch_without_a_fix_says_why_when_and_whose(single):
 
 def test_reasons_of_rtklib_are_told_without_their_numbers(single):
     single([], failed=[(10.0, "3 satellites"), (11.0, "13 satellites")])
-    found = gnss_timeline(sequence(epochs_of([10.0, 11.0])), gnss(velocity="none")).events
+    found = gnss_timeline(rigs.recording(epochs_of([10.0, 11.0])), gnss(velocity="none")).events
     assert [e.reason for e in found] == ["no fix: too few satellites"] * 2
     assert [e.time for e in found] == [10.0, 11.0]  # no fix, no clock
 
 
 def test_a_faulty_pseudorange_is_marked_and_its_doppler_still_used(single):
     single([10.0], rejected=[2])
-    found = gnss_timeline(sequence(rigs.sky(time=10.0)), gnss())
+    found = gnss_timeline(rigs.recording(rigs.sky(time=10.0)), gnss())
     assert list(found.observations.rejected) == ["", "", "pseudorange residual", *[""] * 5]
     (velocity,) = of_kind(found, "velocity")
     assert "G03" in velocity.satellites
@@ -188,7 +164,7 @@ def test_a_satellite_that_is_always_refused_is_named(single, epochs, wrong, said
     observations = epochs_of(times)
     rows = np.flatnonzero(observations.sat == "G04")[:wrong]
     single(times, rejected=rows.tolist())
-    notes = [n.text for n in gnss_timeline(sequence(observations), gnss()).notes[1:]]
+    notes = [n.text for n in gnss_timeline(rigs.recording(observations), gnss()).notes[1:]]
     assert len(notes) == (said is not None)
     if said is not None:
         assert notes[0].startswith(f"G04: {said} of its pseudoranges contradict")
@@ -200,8 +176,38 @@ def test_rows_that_were_out_already_are_not_counted_as_refused(single):
     mine = np.flatnonzero(observations.sat == "G04")
     observations = observations.mark(np.isin(np.arange(len(observations)), mine[40:]), "before")
     single(times, rejected=mine[:25].tolist())
-    (note,) = gnss_timeline(sequence(observations), gnss()).notes[1:]
+    (note,) = gnss_timeline(rigs.recording(observations), gnss()).notes[1:]
     assert note.text.startswith("G04: 62 %") and not note.doubtful
+
+
+def test_a_satellite_that_is_wrong_all_the_time_is_doubtful(single):
+    single([10.0], persistent=[Persistent("G04", -7.4, 60)])
+    found = gnss_timeline(rigs.recording(rigs.sky(time=10.0)), gnss())
+    (note,) = found.notes[1:]
+    assert note.doubtful and note.text.startswith("G04: its pseudoranges contradict")
+    assert "by -7 m on the average of 60 fixes" in note.text
+
+
+def test_relative_positions_get_only_what_a_fix_vouches_for(single, monkeypatch):
+    """Neither a pseudorange that was refused, nor an epoch without a fix, nor what is weak."""
+    seen = {}
+
+    def fake(events, screened, given, config):
+        seen["screened"] = screened
+        return events, "RTK: so and so"
+
+    monkeypatch.setattr("certnav.nav.engine.gnss.with_relative_positions", fake)
+    single([10.0, 12.0], rejected=[2], failed=[(11.0, "3 satellites")])
+    observations = epochs_of([10.0, 11.0, 12.0], cn0={"G05": 20.0})
+    with_base = rigs.recording(observations, rover_file=Path("rover"), base=(Path("base"),))
+    found = gnss_timeline(with_base, gnss(position="rtk"))
+    rejected = seen["screened"].rejected.reshape(3, 8).tolist()
+    lost = "not in the single-point fix"
+    assert rejected[0] == ["", "", lost, "", "weak signal", "", "", ""]
+    assert rejected[1] == [lost] * 4 + ["weak signal"] + [lost] * 3
+    assert rejected[2] == ["", "", "", "", "weak signal", "", "", ""]
+    assert found.notes[-1].text == "RTK: so and so"
+    assert lost not in found.observations.rejected  # its Doppler is as good as any
 
 
 # Doppler.
@@ -214,8 +220,8 @@ def only(names, **options):
 def test_a_velocity_that_nothing_has_checked_is_worth_three_metres_per_second(single):
     single([10.0])
     options = gnss(velocity_sigma_scale=2.0, velocity_sigma_floor_mps=4.0)
-    (four,) = of_kind(gnss_timeline(sequence(only(ALL[:4])), options), "velocity")
-    (five,) = of_kind(gnss_timeline(sequence(only(ALL[:5])), options), "velocity")
+    (four,) = of_kind(gnss_timeline(rigs.recording(only(ALL[:4])), options), "velocity")
+    (five,) = of_kind(gnss_timeline(rigs.recording(only(ALL[:5])), options), "velocity")
     for event, extra in ((four, 16.0 + 9.0), (five, 16.0)):
         n = len(event.satellites)
         obs = event.observations
@@ -232,7 +238,7 @@ def test_a_velocity_that_nothing_has_checked_is_worth_three_metres_per_second(si
 ])  # fmt: skip
 def test_below_four_the_rows_are_handed_on(single, count, below, kind, reason):
     single([10.0])
-    found = gnss_timeline(sequence(only(ALL[:count])), gnss(below_four=below))
+    found = gnss_timeline(rigs.recording(only(ALL[:count])), gnss(below_four=below))
     (event,) = of_kind(found, "velocity", "doppler")
     assert (event.kind, event.reason) == (kind, reason)
     assert event.satellites == ALL[:count] and np.isnan(event.value_e).all()
@@ -245,7 +251,7 @@ def test_below_four_the_rows_are_handed_on(single, count, below, kind, reason):
 def test_a_row_that_least_squares_refuses_is_offered_to_the_filter_not_to_alignment(single):
     """The filter tests again, and knows better; alignment has no prior yet."""
     single([10.0])
-    found = gnss_timeline(sequence(only(ALL, bias={"G06": 5.0})), gnss())
+    found = gnss_timeline(rigs.recording(only(ALL, bias={"G06": 5.0})), gnss())
     (event,) = of_kind(found, "velocity")
     assert event.satellites == tuple(n for n in ALL if n != "G06")
     assert "G06" in event.observations.sat and "G06" not in event.epoch.rows.sat
@@ -260,7 +266,7 @@ def test_without_any_row_there_is_no_epoch(single):
     )
     lone = silent.mark(np.arange(8) == 7, "out")
     mixed = rigs.joined(lone, rigs.sky(time=11.0))
-    first, second = of_kind(gnss_timeline(sequence(mixed), gnss()), "velocity", "doppler")
+    first, second = of_kind(gnss_timeline(rigs.recording(mixed), gnss()), "velocity", "doppler")
     assert first.epoch is None and first.reason == "too few satellites"
     assert second.epoch is not None
 
@@ -269,7 +275,7 @@ def test_lines_of_sight_are_seen_from_where_the_antenna_was(single):
     """Interpolated between fixes, held before the first and after the last one."""
     east = 10e3 * rigs.C_EN[:, 1]
     single([10.0, 12.0], pos_e=np.array([rigs.PLACE, rigs.PLACE + 2.0 * east]))
-    found = gnss_timeline(sequence(epochs_of([9.0, 11.0, 13.0])), gnss())
+    found = gnss_timeline(rigs.recording(epochs_of([9.0, 11.0, 13.0])), gnss())
     at = [e.epoch.pos_e for e in of_kind(found, "velocity", "doppler")]
     expected = [rigs.PLACE, rigs.PLACE + east, rigs.PLACE + 2.0 * east]
     np.testing.assert_allclose(at, expected, atol=1e-6)
@@ -279,7 +285,7 @@ def test_weak_and_low_signals_are_marked_and_counted_out(single):
     single([10.0])
     options = gnss(min_cn0_dbhz=35.0, elevation_mask_deg=30.0)
     power = {"G02": 34.9, "G03": 35.0}
-    found = gnss_timeline(sequence(only(ALL, cn0=power)), options)
+    found = gnss_timeline(rigs.recording(only(ALL, cn0=power)), options)
     rejected = dict(zip(found.observations.sat, found.observations.rejected, strict=True))
     low = np.degrees(found.observations.elevation) < 30.0
     assert 0 < low.sum() < 7 and rejected["G02"] == "weak signal"
@@ -293,85 +299,13 @@ def test_weak_and_low_signals_are_marked_and_counted_out(single):
 def test_two_signals_of_a_satellite_are_one_satellite(single):
     single([10.0])
     both = rigs.joined(only(ALL[:5]), only(ALL[:2]))
-    epochs = gnss_timeline(sequence(both), gnss()).epochs
+    epochs = gnss_timeline(rigs.recording(both), gnss()).epochs
     assert epochs.tracked.tolist() == [5] and epochs.usable.tolist() == [5]
-
-
-# Positions and velocities a set carries, and what is not there.
-
-
-def carried(velocity=True):
-    fixes = positions([10.0, 11.0], np.tile(rigs.PLACE, (2, 1)), "receiver")
-    if not velocity:
-        return fixes
-    vel_e = np.array([[1.0, 2.0, 3.0], [np.nan] * 3])
-    return dataclasses.replace(fixes, vel_e=vel_e, vel_cov_e=np.tile(np.eye(3), (2, 1, 1)))
-
-
-def test_carried_values_have_scales_of_their_own():
-    options = gnss(
-        position_sigma_scale=2.0, position_sigma_floor_m=1.0,
-        velocity_sigma_scale=3.0, velocity_sigma_floor_mps=2.0,
-    )  # fmt: skip
-    found = gnss_timeline(sequence(fixes=carried()), options)
-    kinds = [(e.time, e.kind, e.reason) for e in found.events]
-    assert kinds == [
-        (10.0, "position", ""), (10.0, "velocity", ""),
-        (11.0, "position", ""), (11.0, "velocity", "no velocity in the data"),
-    ]  # fmt: skip
-    np.testing.assert_allclose(found.events[0].cov_e, 4.0 * COV + np.eye(3))
-    np.testing.assert_allclose(found.events[1].cov_e, (9.0 + 4.0) * np.eye(3))
-    assert not any(e.shared for e in found.events)
-    assert found.observations is None and found.epochs.usable.tolist() == [8, 8]
-    alone = gnss_timeline(sequence(fixes=carried()), gnss(position="none"))
-    assert {e.kind for e in alone.events} == {"velocity"}
-
-
-def test_doppler_goes_with_carried_positions_whose_time_is_gps_time():
-    both = sequence(epochs_of([10.0, 11.0]), carried(), navigation=())
-    found = gnss_timeline(both, gnss())
-    assert [(e.time, e.kind) for e in found.events] == [
-        (10.0, "position"), (10.0, "velocity"), (11.0, "position"), (11.0, "velocity"),
-    ]  # fmt: skip
-    assert found.events[1].observations is not None and not found.events[0].shared
-    velocity = gnss_timeline(both, gnss(position="none")).events
-    assert {e.kind for e in velocity} == {"velocity"}
-    given = gnss_timeline(both, gnss(velocity="carried")).events
-    np.testing.assert_array_equal(given[1].value_e, [1.0, 2.0, 3.0])
 
 
 def test_doppler_without_any_position_is_refused(single):
     single([], failed=[(10.0, "3 satellites")])
     with pytest.raises(ConfigError, match="needs an approximate position"):
-        gnss_timeline(sequence(only(ALL)), gnss())
+        gnss_timeline(rigs.recording(only(ALL)), gnss())
     with pytest.raises(ConfigError, match="needs an approximate position"):
-        gnss_timeline(sequence(only(ALL), navigation=()), gnss())
-
-
-def test_sources_prefer_what_is_carried_and_what_is_raw():
-    silent = only(ALL).with_columns(range_rate=np.full(8, np.nan))
-    for found, expected in [
-        (sequence(only(ALL)), ("spp", "doppler")),
-        (sequence(only(ALL), navigation=()), ("none", "doppler")),
-        (sequence(silent), ("spp", "none")),
-        (sequence(only(ALL), carried()), ("carried", "doppler")),
-        (sequence(silent, carried()), ("carried", "carried")),
-        (sequence(fixes=carried()), ("carried", "carried")),
-        (sequence(fixes=carried(velocity=False)), ("carried", "none")),
-    ]:
-        assert sources(found, gnss()) == expected
-    assert sources(sequence(only(ALL), carried()), gnss(position="spp"))[0] == "spp"
-    assert sources(sequence(only(ALL), carried()), gnss(velocity="carried"))[1] == "carried"
-
-
-@pytest.mark.parametrize(("made", "key", "value"), [
-    (lambda: sequence(only(ALL)), "position", "carried"),
-    (lambda: sequence(only(ALL), carried(velocity=False)), "velocity", "carried"),
-    (lambda: sequence(only(ALL), navigation=()), "position", "spp"),
-    (lambda: sequence(only(ALL), rover_file=None), "position", "rtk"),
-    (lambda: sequence(only(ALL).with_columns(range_rate=np.full(8, np.nan))), "velocity",
-     "doppler"),
-])  # fmt: skip
-def test_a_source_that_is_not_there_is_named(made, key, value):
-    with pytest.raises(ConfigError, match=rf"gnss\.{key}: '{value}'"):
-        sources(made(), gnss(**{key: value}))
+        gnss_timeline(rigs.recording(only(ALL), navigation=()), gnss())

@@ -10,21 +10,13 @@ import pytest
 from certnav.filters.earth import C_en_of, lla_to_ecef
 from certnav.filters.errors import DataError
 from certnav.filters.rotation import (
-    matrix_from_rotvec,
     matrix_from_rpy,
-    rpy_from_matrix,
-    wrap_angle,
 )
 from certnav.nav.evaluation.accuracy import (
     METRICS,
-    attitude_vector_from_rpy,
     evaluate,
     mean_rate_b,
     normalised_nis,
-    remove_misalignment,
-    rpy_covariance,
-    rpy_from_attitude_vector,
-    standard_deviation,
     usable_at,
     without_reference,
 )
@@ -200,30 +192,6 @@ def test_partial_reference(drive):
     assert np.isnan(result.misalignment_rpy[:2]).all()
 
 
-def test_misalignment_leaves_the_varying_error():
-    rng = np.random.default_rng(3)
-    ref = np.stack([*rng.normal(0, 0.05, (2, 4000)), rng.uniform(-np.pi, np.pi, 4000)], -1)
-    M = matrix_from_rpy([0.02, -0.03, 1.2])
-    jitter = matrix_from_rotvec(rng.normal(0, 0.01, (4000, 3)))
-    error, found = remove_misalignment(matrix_from_rpy(ref) @ jitter @ M, ref)
-    np.testing.assert_allclose(found, [0.02, -0.03, 1.2], atol=3 * 0.01 / np.sqrt(4000))
-    np.testing.assert_allclose(error.std(axis=0), 0.01, rtol=0.05)
-
-
-def test_rpy_covariance_against_finite_differences():
-    rpy = np.array([[0.2, -0.6, 2.5]])
-    C_nb, numeric = matrix_from_rpy(rpy[0]), np.empty((3, 3))
-    for axis in range(3):
-        ends = [
-            rpy_from_matrix(matrix_from_rotvec(h * np.eye(3)[axis]) @ C_nb) for h in (-1e-6, 1e-6)
-        ]
-        numeric[:, axis] = wrap_angle(ends[1] - ends[0]) / 2e-6
-    A = np.random.default_rng(0).normal(size=(3, 3))
-    P = (A @ A.T)[None]
-    np.testing.assert_allclose(rpy_covariance(P, rpy)[0], numeric @ P[0] @ numeric.T, rtol=1e-7)
-    np.testing.assert_allclose(np.linalg.inv(numeric), attitude_vector_from_rpy(rpy)[0], atol=1e-8)
-
-
 def test_nees_and_nis_of_honest_errors(drive):
     """Errors drawn from the stated covariance give NEES 3 and NIS/dof 1; doubled ones 12."""
     solution, sequence = drive(noise=0.0, duration=400.0, rate=5.0)
@@ -385,34 +353,6 @@ def test_nis_of_a_kind_alone():
     assert normalised_nis(updates, "nhc") is None and normalised_nis([]) is None
 
 
-def test_a_heading_alone_is_averaged_around_the_circle():
-    """179° and −179° differ by two degrees, not by 358."""
-    heading = np.radians([10.0, 100.0, 200.0, 300.0])
-    error = np.radians([179.0, -179.0, 179.5, -179.5])
-    C_nb = matrix_from_rpy(np.stack([np.zeros(4), np.zeros(4), heading + error], -1))
-    ref = np.stack([np.full(4, np.nan), np.full(4, np.nan), heading], -1)
-    ref[3] = np.nan
-    left, found = remove_misalignment(C_nb, ref)
-    assert np.degrees(abs(found[2])) == pytest.approx(179.833, abs=1e-2)
-    assert np.isnan(found[:2]).all() and np.isnan(left[:, :2]).all() and np.isnan(left[3, 2])
-    np.testing.assert_allclose(np.degrees(left[:3, 2]), [-0.8333, 1.1667, -0.3333], atol=0.01)
-    unknown = np.full((4, 3), np.nan)
-    left, found = remove_misalignment(C_nb, unknown)
-    assert np.isnan(left).all() and np.isnan(found).all()
-
-
-def test_misalignment_is_that_of_the_epochs_that_are_known():
-    ref = np.zeros((10, 3))
-    ref[:, 2] = np.linspace(0.0, 2.0, 10)
-    M = matrix_from_rpy([0.02, -0.03, 0.5])
-    C_nb = matrix_from_rpy(ref) @ M
-    ref[4, 0] = np.nan
-    error, found = remove_misalignment(C_nb, ref)
-    np.testing.assert_allclose(found, [0.02, -0.03, 0.5], atol=1e-12)
-    assert np.isnan(error[4, 0])
-    np.testing.assert_allclose(np.delete(error, 4, 0), 0.0, atol=1e-12)
-
-
 def test_the_rate_at_the_ends_is_that_of_what_is_left(drive):
     _, sequence = drive(duration=5.0)
     imu = sequence.imu
@@ -426,18 +366,6 @@ def test_the_rate_at_the_ends_is_that_of_what_is_left(drive):
     at = mean_rate_b(made, np.array([first]), 0.06)[0]
     np.testing.assert_allclose(at, [1.0, 0.0, 3.0], atol=1e-4)
     np.testing.assert_allclose(mean_rate_b(made, imu.time[-1:])[0], [0.0, 2.0, 3.0], atol=1e-4)
-
-
-def test_both_ways_between_the_attitude_vector_and_the_angles():
-    rpy = np.array([[0.3, -0.4, 2.0], [-0.1, 1.2, -3.0]])
-    there, back = attitude_vector_from_rpy(rpy), rpy_from_attitude_vector(rpy)
-    assert there.shape == back.shape == (2, 3, 3)
-    np.testing.assert_allclose(there @ back, np.tile(np.eye(3), (2, 1, 1)), atol=1e-14)
-
-
-def test_a_variance_that_rounding_made_negative_is_none():
-    cov = np.stack([np.diag([4.0, 9.0, -1e-20]), np.diag([1.0, 0.0, 16.0])])
-    np.testing.assert_array_equal(standard_deviation(cov), [[2.0, 3.0, 0.0], [1.0, 0.0, 4.0]])
 
 
 def test_a_lone_epoch_stays_in_force():
