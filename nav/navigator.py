@@ -16,6 +16,8 @@ from __future__ import annotations
 
 import heapq
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import count
@@ -33,8 +35,9 @@ from ..filters.strapdown import InertialStream
 from .config import Config
 from .engine.blind import Spell, is_gap
 from .engine.events import GnssEvent
-from .engine.loop import FilterLoop
+from .engine.loop import Diverged, FilterLoop
 from .engine.model import error_model
+from .engine.sanity import Lost
 from .engine.start.finder import StartFinder
 from .engine.start.state import Start, start_filter
 from .engine.vehicle import VehicleConstraints
@@ -138,6 +141,11 @@ class Navigator:
         How late after its epoch GNSS may arrive and is still sure to be used [s].
     odometer : Odometer, optional
         Recorded; live odometers are not supported.
+
+    Attributes
+    ----------
+    restarts : list of (float, str)
+        GPS time at which the solution was lost and a start looked for again [s], and why.
     """
 
     def __init__(
@@ -152,12 +160,15 @@ class Navigator:
         self._stream = InertialStream.live(imu_interval)
         self._vehicle = VehicleConstraints(calibration, config.vehicle, odometer)
         self._model = error_model(calibration, config, odometer=self._vehicle.odometer is not None)
-        self._finder = StartFinder(self._stream, calibration, config.alignment, self._model)
+        self._finder = self._new_finder()
         self._kept: list[GnssEvent] = []
         self._queue: list[tuple[float, str, int, GnssEvent]] = []
         self._order = count()
         self._spells: deque[Spell] = deque()
         self._loop: FilterLoop | None = None
+        self._past: list[Update] = []
+        self._rows: list[FloatArray] = []
+        self.restarts: list[tuple[float, str]] = []
 
     @property
     def waiting(self) -> str:
@@ -191,18 +202,21 @@ class Navigator:
             except AlignmentError as error:
                 self._finder.waiting = str(error)
                 return
-        assert self._loop is not None
-        self._loop.advance(self._stream.end)
+        if self._loop is not None:
+            with self._restarting():
+                self._loop.advance(self._stream.end)
 
     @property
     def updates(self) -> tuple[Update, ...]:
         """The log so far."""
-        return tuple(self._loop.updates) if self._loop is not None else ()
+        now = self._loop.updates if self._loop is not None else []
+        return tuple([*self._past, *now])
 
     @property
     def rows(self) -> FloatArray:
         """Recorded rows so far, as of `filters.ekf.ErrorStateFilter.rows`."""
-        return self._loop.kalman.rows if self._loop is not None else np.zeros((0, 0))
+        rows = [*self._rows, *([self._loop.kalman.rows] if self._loop is not None else [])]
+        return np.vstack(rows) if rows else np.zeros((0, 0))
 
     def add_imu(self, time: float, gyro_b: ArrayLike, accel_b: ArrayLike) -> None:
         """Take the sample that ends at GPS time `time` [s]: mean rate, mean specific force.
@@ -228,15 +242,34 @@ class Navigator:
         """Apply what is due by `until` [s]; the steps are those of a batch run."""
         while self._queue and self._queue[0][0] <= until:
             event = heapq.heappop(self._queue)[3]
-            if self._loop is not None:
-                self._loop.offer(event)
-                continue
-            self._kept.append(event)
-            start = self._finder.offer(event)
-            if start is not None:
-                self._start(start)
+            with self._restarting():
+                if self._loop is not None:
+                    self._loop.offer(event)
+                    continue
+                self._kept.append(event)
+                start = self._finder.offer(event)
+                if start is not None:
+                    self._start(start)
         if self._loop is not None:
-            self._loop.constrain(until)
+            with self._restarting():
+                self._loop.constrain(until)
+
+    @contextmanager
+    def _restarting(self) -> Iterator[None]:
+        """Begin to look for a start again where the solution is lost in the context."""
+        try:
+            yield
+        except (Diverged, Lost) as error:
+            loop = self._loop
+            assert loop is not None
+            self._past += loop.updates
+            self._rows.append(loop.kalman.rows)
+            self.restarts.append((loop.reached, str(error)))
+            self._loop, self._finder = None, self._new_finder()
+            self._kept = [event for event in self._kept if event.time > loop.reached]
+
+    def _new_finder(self) -> StartFinder:
+        return StartFinder(self._stream, self.calibration, self.config.alignment, self._model)
 
     def _start(self, start: Start) -> None:
         """Begin to filter, with what was kept until now."""
@@ -245,6 +278,7 @@ class Navigator:
         )
         self._loop = FilterLoop(kalman, self.calibration, self._vehicle, self.config, self._spells)
         # One that came late was looked at late; the filter gets it in its place.
-        for kept in sorted(self._kept, key=lambda event: (event.time, event.kind)):
-            self._loop.offer(kept)
-        self._kept.clear()
+        kept = sorted(self._kept, key=lambda event: (event.time, event.kind))
+        self._kept = []
+        for event in kept:
+            self._loop.offer(event)

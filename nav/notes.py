@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from ..datasets.gpstime import SECONDS_PER_WEEK
 
-#: 'doubtful': something contradicts the run or its data; 'note': what was done, and with what.
-SEVERITIES = ("doubtful", "note")
+#: 'lost': the solution left what its vehicle can do, and ended or started again. 'doubtful': something
+#: contradicts the run or its data. 'note': what was done, and with what.
+SEVERITIES = ("lost", "doubtful", "note")
 
 
 @dataclass(frozen=True)
@@ -17,7 +18,7 @@ class Note:
 
     Parameters
     ----------
-    severity : {'doubtful', 'note'}
+    severity : {'lost', 'doubtful', 'note'}
     text : str
         Without a full stop; figures with their units.
     """
@@ -30,12 +31,12 @@ class Note:
             raise ValueError(f"severity: expected one of {SEVERITIES}, found {self.severity!r}")
 
     def __str__(self) -> str:
-        return f"doubtful: {self.text}" if self.doubtful else self.text
+        return f"{self.severity}: {self.text}" if self.doubtful else self.text
 
     @property
     def doubtful(self) -> bool:
         """Whether it speaks against the run."""
-        return self.severity == "doubtful"
+        return self.severity != "note"
 
 
 def plain(texts: Iterable[str]) -> tuple[Note, ...]:

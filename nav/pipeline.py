@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -11,18 +10,16 @@ import numpy as np
 from ..datasets.sequence import Sequence
 from ..filters.compiled import rows as layout
 from ..filters.earth import C_en_of
+from ..filters.errors import AlignmentError
 from ..filters.rotation import FloatArray
-from ..filters.smoother import smooth
 from ..filters.strapdown import InertialStream
 from ._frames import ned_covariances
 from .config import Config
 from .engine.blind import Spell, blind_spells
 from .engine.doubts import doubts
 from .engine.gnss import gnss_timeline
-from .engine.loop import Diverged, FilterLoop
+from .engine.legs import Course, Leg, legs, told
 from .engine.model import error_model
-from .engine.start.finder import find_start
-from .engine.start.state import start_filter
 from .engine.vehicle import VehicleConstraints
 from .notes import Note, clock, plain
 from .solution import Solution, Trajectory
@@ -70,48 +67,39 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         doppler=any(e.observations is not None for e in timeline.events),
         shared=any(e.shared for e in timeline.events),
     )  # fmt: skip
-    report(0.0, "alignment")
-    began = time.perf_counter()
-    start = find_start(timeline.events, stream, sequence.calibration, config.alignment, model)
-    spent_alignment = time.perf_counter() - began
-    began = time.perf_counter()
-    kalman = start_filter(start, stream, sequence.calibration, model, config.filter)
     spells = blind_spells(imu, timeline.events)
-    loop = FilterLoop(kalman, sequence.calibration, vehicle, config, deque(spells))
-    begin, end = kalman.time, stream.end
-    notes = [*plain(sequence.notes), *timeline.notes, *_imu_gaps(sequence), *_blind(spells)]
+    course = Course(
+        timeline.events, stream, sequence.calibration, vehicle, model, tuple(spells), config
+    )
+    began = time.perf_counter()
+    made: list[Leg] = []
+    why = ""
     try:
-        for number, event in enumerate(timeline.events):
-            if number % 50 == 0:
-                report(min(max((event.time - begin) / (end - begin), 0.0), 1.0), "filter")
-            loop.offer(event)
-        loop.advance(end)
-    except Diverged as error:
-        rows = _kept(kalman.rows)
-        if len(rows) < 2:
+        for leg in legs(course, report):
+            made.append(leg)
+    except AlignmentError as error:
+        if not made:
             raise
-        cut = float(rows[-1, layout.ROW_TIME])
-        text = (
-            f"{error}; this solution ends at {clock(cut)}, {end - cut:.1f} s before the data, "
-            "and is not smoothed"
-        )
-        notes.append(Note("doubtful", text))
-    else:
-        report(1.0, "filter")
-        rows = kalman.rows
-        if kalman.tape is not None:
-            report(1.0, "smoother")
-            rows = smooth(kalman.tape, kalman.P)
-    notes += doubts(loop.updates, config.filter.gate_probability)
-    spent_filter = time.perf_counter() - began
+        why = str(error)
+    status, said = told(made, stream.end, why)
+    updates = tuple(update for leg in made for update in leg.updates)
+    notes = [
+        *said, *plain(sequence.notes), *timeline.notes, *_imu_gaps(sequence), *_blind(spells),
+        *doubts(updates, config.filter.gate_probability),
+    ]  # fmt: skip
+    if status == "ok" and any(note.doubtful for note in notes):
+        status = "doubtful"
+    aligning = sum(leg.aligning for leg in made)
+    spent = time.perf_counter() - began
     return Solution(
         name=sequence.name,
-        trajectory=trajectory_from_rows(rows),
-        updates=tuple(loop.updates),
-        alignment=start.report(float(imu.time[0])),
+        trajectory=trajectory_from_rows(np.vstack([leg.rows for leg in made if len(leg.rows)])),
+        updates=updates,
+        alignment=made[0].start.report(float(imu.time[0])),
         epochs=timeline.epochs,
         notes=tuple(notes),
-        timing={"gnss_s": spent_gnss, "alignment_s": spent_alignment, "filter_s": spent_filter},
+        timing={"gnss_s": spent_gnss, "alignment_s": aligning, "filter_s": spent - aligning},
+        status=status,
     )
 
 
@@ -143,12 +131,6 @@ def trajectory_from_rows(rows: FloatArray) -> Trajectory:
         std_gyro_bias=std_bias[:, :3],
         std_accel_bias=std_bias[:, 3:],
     )
-
-
-def _kept(rows: FloatArray) -> FloatArray:
-    """Return the rows before the first that is not finite, or whose covariance is none."""
-    bad = ~np.isfinite(rows).all(axis=1) | (np.abs(rows[:, layout.ROW_VEL]) > 1e4)
-    return rows[: int(np.argmax(bad))] if bad.any() else rows
 
 
 def _imu_gaps(sequence: Sequence) -> tuple[Note, ...]:

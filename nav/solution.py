@@ -145,7 +145,11 @@ class Epochs:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Everything one run found out."""
+    """Everything one run found out.
+
+    `status` is 'ok'; 'doubtful', where a note says so; 'restarted', where the solution was lost and
+    found again; 'lost', where it was not, and ends before the data.
+    """
 
     name: str
     trajectory: Trajectory
@@ -154,3 +158,4 @@ class Solution:
     epochs: Epochs
     notes: tuple[Note, ...] = ()
     timing: dict[str, float] = field(default_factory=dict)
+    status: str = "ok"

@@ -31,8 +31,11 @@ def navigate_folder(
     checked: bool = True,
     report_page: bool = True,
     table: bool = True,
-) -> Path:
-    """Load, check, navigate, evaluate, write the result directory, and print the summary."""
+) -> tuple[Path, str]:
+    """Load, check, navigate, evaluate, write the result directory, and print the summary.
+
+    Returns the directory, and the status of the solution.
+    """
     began = time.perf_counter()
     if out is not None:
         check_replaceable(out)
@@ -45,7 +48,7 @@ def navigate_folder(
         found = _checked(sequence, config) if checked else ()
         read = time.perf_counter() - began
         solution = navigate(sequence, config, report)
-        solution = dataclasses.replace(solution, notes=(*found, *solution.notes))
+        solution = with_findings(solution, found)
         report(1.0, "evaluation and report")
         solution, evaluation = judged(solution, sequence)
         solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
@@ -54,7 +57,7 @@ def navigate_folder(
             draw=_draw if report_page else None, table=table,
         )  # fmt: skip
     _print_summary(solution, evaluation, sequence, out)
-    return out
+    return out, solution.status
 
 
 def _draw(draft: Path) -> None:
@@ -66,6 +69,12 @@ def _draw(draft: Path) -> None:
 def cache_folder(out: Path | None) -> Path:
     """Return where readers keep what is slow to read: beside the result."""
     return (Path("results/result") if out is None else out).parent / ".certnav-cache"
+
+
+def with_findings(solution: Solution, found: tuple[Note, ...]) -> Solution:
+    """Return the solution with what the checks said; what they doubt makes it doubtful."""
+    status = "doubtful" if found and solution.status == "ok" else solution.status
+    return dataclasses.replace(solution, notes=(*found, *solution.notes), status=status)
 
 
 def judged(solution: Solution, sequence: Sequence) -> tuple[Solution, Evaluation]:
@@ -111,6 +120,9 @@ def _print_summary(
     solution: Solution, evaluation: Evaluation, sequence: Sequence, out: Path
 ) -> None:
     span = solution.trajectory.time[-1] - solution.trajectory.time[0]
+    for note in solution.notes:
+        if note.severity == "lost":
+            print(f"{solution.status.upper()} {note.text}")
     print(f"{solution.name}: {span:.0f} s navigated, {len(sequence.inertial)} IMU samples")
     print(f"  alignment   {solution.alignment.message}, after {solution.alignment.waited:.0f} s")
     counts: dict[str, list[int]] = {}
@@ -129,7 +141,7 @@ def _print_summary(
     if m["heading_rms_deg"] is not None:
         print(f"  heading     RMS {m['heading_rms_deg']:.2f}°")
     for note in solution.notes:
-        if note.doubtful:
+        if note.severity == "doubtful":
             print(f"  {note}")
     page = Path(out) / "report.html"
     print(f"  report      {page}" if page.exists() else f"  result      {out}")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+#: Exit status of a run whose solution was lost, and could not be found again.
+LOST = 3
 HELP = "navigate a sequence and write a result directory with a report"
 DESCRIPTION = (
     "Navigate a sequence: GNSS positions and Doppler velocities with the IMU in "
@@ -45,8 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Navigate a recording."""
+def run(arguments: argparse.Namespace) -> int:
+    """Navigate a recording; status 3 if the solution was lost."""
     import dataclasses
 
     from ...datasets.great.catalogue import great_sequence
@@ -70,8 +72,9 @@ def run(arguments: argparse.Namespace) -> None:
         raise ConfigError("--only: expected pos, kml, tum or nav, found none")
     if only and arguments.format:
         raise ConfigError("--only and --format: name all formats in one of them")
-    navigate_folder(
+    _, status = navigate_folder(
         path, config, arguments.out, formats, arguments.start, arguments.end,
         checked=not arguments.unchecked, report_page=not (arguments.no_report or only),
         table=not only,
     )  # fmt: skip
+    return LOST if status == "lost" else 0

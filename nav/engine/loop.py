@@ -24,6 +24,7 @@ from .doppler_update import DopplerUpdates
 from .events import GnssEvent
 from .fix_update import ENLARGED, FixUpdates, logged
 from .patience import Patience
+from .sanity import Limits, Lost, Sanity
 from .vehicle import VehicleConstraints
 
 #: Satellites from which on least squares checks itself well enough to be held against the filter.
@@ -72,6 +73,7 @@ class FilterLoop:
         wanted = config.gnss.forward_motion
         # Where the vehicle's constraint is in force, it has said so already.
         forward = (wanted == "on" or (wanted == "auto" and mounted)) and not vehicle.nhc
+        self._sanity = Sanity(Limits())
         self._fixes = FixUpdates(kalman, calibration, config.filter)
         self._doppler = DopplerUpdates(kalman, calibration, config, forward, self.updates.append)
 
@@ -106,6 +108,11 @@ class FilterLoop:
         patience.accepted()
         return dataclasses.replace(outcome, accepted=True), ENLARGED
 
+    @property
+    def reached(self) -> float:
+        """How far the events went [s]."""
+        return self.updates[-1].time if self.updates else self.begin
+
     def advance(self, until: float) -> None:
         """Propagate to `until` [s], with the constraints on the way."""
         with self._watched():
@@ -124,6 +131,8 @@ class FilterLoop:
         remedy = "check units and axes of the IMU, and the IMU preset"
         try:
             yield
+        except Lost:
+            raise
         except (DataError, np.linalg.LinAlgError) as error:
             raise Diverged(problem, remedy=remedy) from error
         if not (np.isfinite(self.kalman.pos_e).all() and np.isfinite(self.kalman.P).all()):
@@ -136,14 +145,15 @@ class FilterLoop:
         ------
         Diverged
             If the solution is no longer finite.
+        Lost
+            If it is no longer one of a vehicle.
         """
         end = self.kalman.stream.end
         why = event.reason
         if event.time <= self.begin:
             if event.shared and not why:
-                self._fixes.overlap(
-                    event.satellites
-                )  # the start's own position is the last of these
+                # The start's own position is the last of these.
+                self._fixes.overlap(event.satellites)
             why = why or "before alignment"
         elif event.time > end:
             why = why or "after the IMU data"
@@ -155,6 +165,7 @@ class FilterLoop:
             self.advance(event.time)
             with self._watched():
                 update = self._apply(event)
+            self._sanity.look(self.kalman)
         self.updates.append(update)
         return update
 
@@ -167,6 +178,8 @@ class FilterLoop:
             update = self._doppler.offer(event, insist, checked)
         else:
             update = self._fixes.offer(event, insist)
+        if insist:
+            self._sanity.doubted(event.time, "velocities" if doppler else f"{event.kind} fixes")
         if update.accepted:
             patience.accepted()
         elif insist:

@@ -27,7 +27,13 @@ def verdict(result: Result) -> list[str]:
             f"not known. The filter itself claims {length(float(np.median(sigma)))} horizontally "
             "(1σ, median)."
         ]
-    return [*sentences, *_consistency(result), *_coverage(result), *_rejections(result)]
+    losses = [
+        f"{'Lost and started again' if result.summary['status'] == 'restarted' else 'LOST'} "
+        f"{note.text}."
+        for note in result.solution.notes
+        if note.severity == "lost"
+    ]
+    return [*losses, *sentences, *_consistency(result), *_coverage(result), *_rejections(result)]
 
 
 def gate_activity(result: Result) -> list[str]:

@@ -225,6 +225,7 @@ def _read(path: Path) -> Result:
             ),
             epochs=read_epochs(path / "epochs.csv"),
             notes=tuple(Note(**note) for note in summary["notes"]),
+            status=summary["status"],
             timing={k: v for k, v in summary["timing"].items() if v is not None},
         )
         evaluation = _read_evaluation(path / "reference_errors.csv", summary)

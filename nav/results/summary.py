@@ -28,6 +28,7 @@ def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) ->
     alignment, calibration = solution.alignment, sequence.calibration
     return {
         "name": solution.name,
+        "status": solution.status,
         "certnav_version": _version(),
         "duration_s": float(time[-1] - time[0]) if time.size else 0.0,
         "imu_samples": len(sequence.inertial),

@@ -65,7 +65,7 @@ class Fixes:
     def pairs(self) -> list[tuple[GnssEvent, GnssEvent]]:
         """Pairs whose positions agree with most of the others: one bad fix levels nothing."""
         if len(self._all) < 2:
-            return []
+            return list(self._all)
         pos_e = np.array([p.value_e for _, p in self._all])
         time = np.array([p.time for _, p in self._all])
         reach = _NEAR + _FASTEST * np.ptp(time)
