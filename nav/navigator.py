@@ -210,7 +210,7 @@ class Navigator:
     def updates(self) -> tuple[Update, ...]:
         """The log so far."""
         now = self._loop.updates if self._loop is not None else []
-        return tuple([*self._past, *now])
+        return (*self._past, *now)
 
     @property
     def rows(self) -> FloatArray:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from ..datasets.gpstime import SECONDS_PER_WEEK
 
-#: 'lost': the solution left what its vehicle can do, and ended or started again. 'doubtful': something
-#: contradicts the run or its data. 'note': what was done, and with what.
+#: 'lost': the solution left what its vehicle can do, and ended or started again. 'doubtful':
+#: something contradicts the run or its data. 'note': what was done, and with what.
 SEVERITIES = ("lost", "doubtful", "note")
 
 
