@@ -13,6 +13,18 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 
 
+class RootIsAFolder:
+    """The root is the package certnav whatever its folder is called: not a package of tests."""
+
+    @staticmethod
+    def pytest_collect_directory(path, parent):
+        return pytest.Dir.from_parent(parent, path=path) if path == ROOT else None
+
+
+def pytest_configure(config):
+    config.pluginmanager.register(RootIsAFolder())  # hooks of this file do not reach above it
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """Folder of real recordings; tests that need it are skipped where it is absent."""

@@ -1,4 +1,4 @@
-"""What is skipped on a desk without the recordings fails in CI, and says what is missing."""
+"""Tests of what all tests share: what is skipped fails in CI, and the checkout has any name."""
 
 import os
 import shutil
@@ -23,14 +23,22 @@ def test_of_nothing_else(): ...
 
 @pytest.fixture
 def run(tmp_path):
-    """Return a function: the closing line and all output of the tests above, under a CI."""
-    shutil.copyfile(Path(__file__).with_name("conftest.py"), tmp_path / "conftest.py")
-    (tmp_path / "test_some.py").write_text(TESTS)
+    """Return a function: the closing line and all output of the tests above, under a CI.
+
+    They run in a checkout whose name is no identifier, and whose root is a package.
+    """
+    root = tmp_path / "certnav-main"
+    (root / "tests").mkdir(parents=True)
+    shutil.copyfile(Path(__file__).with_name("conftest.py"), root / "tests" / "conftest.py")
+    (root / "tests" / "test_some.py").write_text(TESTS)
+    (root / "lazy.py").write_text("names = ()\n")
+    (root / "__init__.py").write_text("from .lazy import names\n")
+    shutil.copyfile(Path(__file__).parents[1] / "pyproject.toml", root / "pyproject.toml")
 
     def pytest_with(ci: str) -> tuple[str, str]:
         env = {**os.environ, "CI": ci, "CERTNAV_DATA": str(tmp_path / "nowhere")}
-        command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", str(tmp_path)]
-        out = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True).stdout
+        command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider"]
+        out = subprocess.run(command, cwd=root, env=env, capture_output=True, text=True).stdout
         return out.splitlines()[-1], out
 
     return pytest_with
