@@ -23,8 +23,9 @@ The names below are imported when they are first asked for: importing the packag
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ..lazy import names
 
 if TYPE_CHECKING:
     from .levelling import InitialAttitude, VelocityTrack, given_attitude, level_and_course
@@ -36,20 +37,6 @@ if TYPE_CHECKING:
     from .robust import RobustAlignment, RobustOptions, align_robust
     from .status import AlignmentStatus
     from .verdict import VerdictLimits, align, judge
-
-#: Public names by the module that each is imported from when it is first asked for.
-_PUBLIC = {
-    "verdict": ("VerdictLimits", "align", "judge"),
-    "result": ("AlignmentResult", "Ask", "Verdict"),
-    "status": ("AlignmentStatus",),
-    "problem": ("AlignmentProblem", "AlignmentRows", "ClockModel", "build_problem"),
-    "priors": ("Prior", "heading_prior", "up_prior", "with_priors"),
-    "robust": ("RobustAlignment", "RobustOptions", "align_robust"),
-    "local_velocity": ("LocalTrack", "inertial_track", "planar_track"),
-    "levelling": ("InitialAttitude", "VelocityTrack", "given_attitude", "level_and_course"),
-    "observability": ("Geometry",),
-}
-_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 
 __all__ = [
     "AlignmentProblem",
@@ -80,15 +67,17 @@ __all__ = [
     "with_priors",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = names(
+    __name__,
+    {
+        "verdict": ("VerdictLimits", "align", "judge"),
+        "result": ("AlignmentResult", "Ask", "Verdict"),
+        "status": ("AlignmentStatus",),
+        "problem": ("AlignmentProblem", "AlignmentRows", "ClockModel", "build_problem"),
+        "priors": ("Prior", "heading_prior", "up_prior", "with_priors"),
+        "robust": ("RobustAlignment", "RobustOptions", "align_robust"),
+        "local_velocity": ("LocalTrack", "inertial_track", "planar_track"),
+        "levelling": ("InitialAttitude", "VelocityTrack", "given_attitude", "level_and_course"),
+        "observability": ("Geometry",),
+    },
+)

@@ -12,23 +12,15 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ...lazy import names
 
 if TYPE_CHECKING:
     from .align import InertialAlignment, align_inertial
     from .rows import DopplerEpoch
     from .unknowns import InertialOptions
     from .waiting import Attempt, MotionAligner, MotionOptions, attempts, wait_for_alignment
-
-#: Public names by the module that each is imported from when it is first asked for.
-_PUBLIC = {
-    "align": ("InertialAlignment", "align_inertial"),
-    "rows": ("DopplerEpoch",),
-    "unknowns": ("InertialOptions",),
-    "waiting": ("Attempt", "MotionAligner", "MotionOptions", "attempts", "wait_for_alignment"),
-}
-_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 
 __all__ = [
     "Attempt",
@@ -42,15 +34,12 @@ __all__ = [
     "wait_for_alignment",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = names(
+    __name__,
+    {
+        "align": ("InertialAlignment", "align_inertial"),
+        "rows": ("DopplerEpoch",),
+        "unknowns": ("InertialOptions",),
+        "waiting": ("Attempt", "MotionAligner", "MotionOptions", "attempts", "wait_for_alignment"),
+    },
+)

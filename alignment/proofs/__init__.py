@@ -9,23 +9,15 @@ All of it is about matrices and rows as they are, none of it about the signals t
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ...lazy import names
 
 if TYPE_CHECKING:
     from .certificate import Certificate, certify
     from .consensus_proof import ConsensusProof, prove_consensus
     from .exact import exact_proof
     from .proof import Checked, Proof, check, read, write
-
-#: Public names by the module that each is imported from when it is first asked for.
-_PUBLIC = {
-    "certificate": ("Certificate", "certify"),
-    "consensus_proof": ("ConsensusProof", "prove_consensus"),
-    "exact": ("exact_proof",),
-    "proof": ("Checked", "Proof", "check", "read", "write"),
-}
-_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 
 __all__ = [
     "Certificate",
@@ -40,15 +32,12 @@ __all__ = [
     "write",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = names(
+    __name__,
+    {
+        "certificate": ("Certificate", "certify"),
+        "consensus_proof": ("ConsensusProof", "prove_consensus"),
+        "exact": ("exact_proof",),
+        "proof": ("Checked", "Proof", "check", "read", "write"),
+    },
+)

@@ -11,21 +11,14 @@ It knows a cost matrix and nothing of what it was made from.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ...lazy import names
 
 if TYPE_CHECKING:
     from .attitude_bound import region_threshold
     from .fast_solver import FastMinimum, LocalMinima, fast_minimum, local_minima
     from .refinement import Minimum, newton, rotation_angle
-
-#: Public names by the module that each is imported from when it is first asked for.
-_PUBLIC = {
-    "fast_solver": ("FastMinimum", "LocalMinima", "fast_minimum", "local_minima"),
-    "refinement": ("Minimum", "newton", "rotation_angle"),
-    "attitude_bound": ("region_threshold",),
-}
-_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 
 __all__ = [
     "FastMinimum",
@@ -38,15 +31,11 @@ __all__ = [
     "rotation_angle",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first asked for."""
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = names(
+    __name__,
+    {
+        "fast_solver": ("FastMinimum", "LocalMinima", "fast_minimum", "local_minima"),
+        "refinement": ("Minimum", "newton", "rotation_angle"),
+        "attitude_bound": ("region_threshold",),
+    },
+)
