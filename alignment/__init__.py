@@ -38,19 +38,6 @@ if TYPE_CHECKING:
     from .status import AlignmentStatus
     from .verdict import VerdictLimits, align, judge
 
-#: Public names by the module that each is imported from when it is first asked for.
-_PUBLIC = {
-    "verdict": ("VerdictLimits", "align", "judge"),
-    "result": ("AlignmentResult", "Ask", "Verdict"),
-    "status": ("AlignmentStatus",),
-    "problem": ("AlignmentProblem", "AlignmentRows", "ClockModel", "build_problem"),
-    "priors": ("Prior", "heading_prior", "up_prior", "with_priors"),
-    "robust": ("RobustAlignment", "RobustOptions", "align_robust"),
-    "local_velocity": ("LocalTrack", "inertial_track", "planar_track"),
-    "levelling": ("InitialAttitude", "VelocityTrack", "given_attitude", "level_and_course"),
-    "observability": ("Geometry",),
-}
-
 __all__ = [
     "AlignmentProblem",
     "AlignmentResult",
@@ -80,4 +67,17 @@ __all__ = [
     "with_priors",
 ]
 
-__getattr__, __dir__ = names(__name__, _PUBLIC)
+__getattr__, __dir__ = names(
+    __name__,
+    {
+        "verdict": ("VerdictLimits", "align", "judge"),
+        "result": ("AlignmentResult", "Ask", "Verdict"),
+        "status": ("AlignmentStatus",),
+        "problem": ("AlignmentProblem", "AlignmentRows", "ClockModel", "build_problem"),
+        "priors": ("Prior", "heading_prior", "up_prior", "with_priors"),
+        "robust": ("RobustAlignment", "RobustOptions", "align_robust"),
+        "local_velocity": ("LocalTrack", "inertial_track", "planar_track"),
+        "levelling": ("InitialAttitude", "VelocityTrack", "given_attitude", "level_and_course"),
+        "observability": ("Geometry",),
+    },
+)

@@ -22,14 +22,6 @@ if TYPE_CHECKING:
     from .unknowns import InertialOptions
     from .waiting import Attempt, MotionAligner, MotionOptions, attempts, wait_for_alignment
 
-#: Public names by the module that each is imported from when it is first asked for.
-_PUBLIC = {
-    "align": ("InertialAlignment", "align_inertial"),
-    "rows": ("DopplerEpoch",),
-    "unknowns": ("InertialOptions",),
-    "waiting": ("Attempt", "MotionAligner", "MotionOptions", "attempts", "wait_for_alignment"),
-}
-
 __all__ = [
     "Attempt",
     "DopplerEpoch",
@@ -42,4 +34,12 @@ __all__ = [
     "wait_for_alignment",
 ]
 
-__getattr__, __dir__ = names(__name__, _PUBLIC)
+__getattr__, __dir__ = names(
+    __name__,
+    {
+        "align": ("InertialAlignment", "align_inertial"),
+        "rows": ("DopplerEpoch",),
+        "unknowns": ("InertialOptions",),
+        "waiting": ("Attempt", "MotionAligner", "MotionOptions", "attempts", "wait_for_alignment"),
+    },
+)

@@ -19,14 +19,6 @@ if TYPE_CHECKING:
     from .exact import exact_proof
     from .proof import Checked, Proof, check, read, write
 
-#: Public names by the module that each is imported from when it is first asked for.
-_PUBLIC = {
-    "certificate": ("Certificate", "certify"),
-    "consensus_proof": ("ConsensusProof", "prove_consensus"),
-    "exact": ("exact_proof",),
-    "proof": ("Checked", "Proof", "check", "read", "write"),
-}
-
 __all__ = [
     "Certificate",
     "Checked",
@@ -40,4 +32,12 @@ __all__ = [
     "write",
 ]
 
-__getattr__, __dir__ = names(__name__, _PUBLIC)
+__getattr__, __dir__ = names(
+    __name__,
+    {
+        "certificate": ("Certificate", "certify"),
+        "consensus_proof": ("ConsensusProof", "prove_consensus"),
+        "exact": ("exact_proof",),
+        "proof": ("Checked", "Proof", "check", "read", "write"),
+    },
+)

@@ -20,14 +20,6 @@ if TYPE_CHECKING:
     from .sdp import DualSolution, solve_dual
     from .simulation import SimulatedWindow, simulate_window
 
-#: Public names by the module that each is imported from when it is first asked for.
-_PUBLIC = {
-    "certifiable": ("CertifiedMinimum", "align_sdp", "certified_minimum"),
-    "sdp": ("DualSolution", "solve_dual"),
-    "baselines": ("BaselineRotation", "gauss_newton", "voba"),
-    "simulation": ("SimulatedWindow", "simulate_window"),
-}
-
 __all__ = [
     "BaselineRotation",
     "CertifiedMinimum",
@@ -41,4 +33,12 @@ __all__ = [
     "voba",
 ]
 
-__getattr__, __dir__ = names(__name__, _PUBLIC)
+__getattr__, __dir__ = names(
+    __name__,
+    {
+        "certifiable": ("CertifiedMinimum", "align_sdp", "certified_minimum"),
+        "sdp": ("DualSolution", "solve_dual"),
+        "baselines": ("BaselineRotation", "gauss_newton", "voba"),
+        "simulation": ("SimulatedWindow", "simulate_window"),
+    },
+)

@@ -20,13 +20,6 @@ if TYPE_CHECKING:
     from .fast_solver import FastMinimum, LocalMinima, fast_minimum, local_minima
     from .refinement import Minimum, newton, rotation_angle
 
-#: Public names by the module that each is imported from when it is first asked for.
-_PUBLIC = {
-    "fast_solver": ("FastMinimum", "LocalMinima", "fast_minimum", "local_minima"),
-    "refinement": ("Minimum", "newton", "rotation_angle"),
-    "attitude_bound": ("region_threshold",),
-}
-
 __all__ = [
     "FastMinimum",
     "LocalMinima",
@@ -38,4 +31,11 @@ __all__ = [
     "rotation_angle",
 ]
 
-__getattr__, __dir__ = names(__name__, _PUBLIC)
+__getattr__, __dir__ = names(
+    __name__,
+    {
+        "fast_solver": ("FastMinimum", "LocalMinima", "fast_minimum", "local_minima"),
+        "refinement": ("Minimum", "newton", "rotation_angle"),
+        "attitude_bound": ("region_threshold",),
+    },
+)

@@ -209,6 +209,18 @@ def test_steady_driving_is_no_standstill(speed, turn_rate):
     np.testing.assert_array_equal(result.gyro_bias, 0.0)
 
 
+@pytest.mark.parametrize("turn_rate", [0.3, -0.3])
+def test_a_bend_is_not_taken_for_a_bank(turn_rate):
+    """3 m/s² across look like 17° of roll; over half a circle the gyros tell whose they are."""
+    stream, track = cruise(10.0, turn_rate)
+    result = level_and_course(stream, track, np.eye(3), SPEC)
+    assert "in motion" in result.message
+    roll, pitch, heading = rpy_from_matrix(C_en_of(track.pos_e[0]).T @ result.C_eb)
+    assert np.abs(np.degrees([roll, pitch])).max() < 0.5
+    course = turn_rate * (result.time - stream.edges[1])
+    assert abs((heading - course + np.pi) % (2.0 * np.pi) - np.pi) < np.radians(0.1)
+
+
 def test_a_standstill_that_gnss_sees_counts():
     """The same quiet IMU, and velocities of zero: at rest until it drives off."""
     stream, track = cruise(0.0)

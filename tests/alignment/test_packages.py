@@ -26,6 +26,14 @@ def test_every_public_name_is_there_and_no_module_hides_it(package):
         _ = module.nothing
 
 
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_docstring_says_where_everything_is(package):
+    module = import_module(f"certnav.alignment{package}")
+    folder, said = Path(module.__file__).parent, module.__doc__.replace(",", " ").split()
+    assert {f.stem for f in folder.glob("*.py")} - {"__init__"} <= set(said)
+    assert {f"{f.parent.name}/" for f in folder.glob("*/__init__.py")} <= set(said)
+
+
 def test_importing_the_packages_costs_nothing():
     names = ", ".join(f"certnav.alignment{package}" for package in PACKAGES)
     code = f"import sys, {names}; sys.exit(any(m in sys.modules for m in ('numpy', 'scipy')))"
