@@ -129,6 +129,14 @@ def test_an_unknown_clock_is_the_clock_eliminated(moving_state):
     np.testing.assert_allclose(cov_kept[:15, :15], cov, atol=1e-6)
 
 
+def test_a_clock_of_which_nothing_is_known_yet_does_not_drift(moving_state):
+    args = (np.eye(3), [3.0, 2.0, 1.0], [0.1, 0.2, 0.5], np.zeros(3), np.zeros(3), 15)
+    default = measurements.range_rates(moving_state, 16, *args)
+    np.testing.assert_array_equal(
+        default.z, measurements.range_rates(moving_state, 16, *args, 0.0).z
+    )
+
+
 def test_clock_jacobian(moving_state):
     e, z, sigma = np.eye(3), np.array([3.0, 2.0, 1.0]), np.array([0.1, 0.2, 0.5])
     args = (e, z, sigma, np.zeros(3), np.zeros(3), 15)

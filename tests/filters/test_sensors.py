@@ -78,6 +78,10 @@ def test_grades_are_in_order_and_scale_factors_are_percents_of_a_percent():
     assert [g.accel_scale_ppm for g in grades] == [100.0, 3000.0, 10000.0]
     assert [g.bias_correlation_time_s for g in grades] == [3600.0, 3600.0, 1000.0]
     assert [g.gyro_bias_turn_on_degph for g in grades] == [1.0, 500.0, 1500.0]
+    assert [g.gyro_bias_instability_degph for g in grades] == [0.5, 8.0, 40.0]
+    assert [g.accel_bias_instability_mg for g in grades] == [0.1, 0.1, 1.0]
+    assert [g.gyro_arw_deg_sqrth for g in grades] == [0.01, 0.34, 0.6]
+    assert [g.accel_vrw_mps_sqrth for g in grades] == [0.01, 0.037, 0.2]
     assert [g.accel_bias_turn_on_mg for g in grades] == [0.2, 10.0, 30.0]
     assert all(PRESETS[name].name == name for name in PRESETS)
 

@@ -107,6 +107,33 @@ def test_a_spell_without_gnss_is_bridged_from_both_ends(city_drive):
     assert np.median(ratios) > 5.0
 
 
+def test_velocity_and_attitude_are_corrected_too(city_drive):
+    """In a spell without GNSS they are nearer to the truth than the filter's, and go together."""
+    worse = []
+    for seed in range(4):
+        kalman = run(city_drive, seed)
+        smoothed = smooth(kalman.tape, kalman.P)
+        since = smoothed[:, 0] - smoothed[0, 0]
+        spell = (since > 50.0) & (since < 70.0)
+        truth = city_drive.kinematics(smoothed[spell, 0])
+        errors = []
+        for rows in (kalman.rows[spell], smoothed[spell]):
+            turn = np.swapaxes(truth.C_eb, 1, 2) @ rows[:, 7:16].reshape(-1, 3, 3)
+            phi = np.stack([turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]], axis=1)
+            errors.append([rms(rows[:, 4:7] - truth.vel_e), rms(phi)])
+        worse.append(np.array(errors[1]) / errors[0])
+        # One motion: what the position gains in a step is the velocity it is given.
+        step = np.diff(smoothed[spell, 0])[:, None]
+        moved = np.diff(smoothed[spell, 1:4], axis=0) / step
+        mean = 0.5 * (smoothed[spell][1:, 4:7] + smoothed[spell][:-1, 4:7])
+        assert np.abs(moved - mean).max() < 0.25
+    assert np.all(np.median(worse, axis=0) < [0.5, 1.0]), worse
+
+
+def rms(error):
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
+
+
 def test_smoothed_covariance_is_honest(city_drive):
     """Mean position NEES over 30 seeds stays inside the 95 % bounds of χ²."""
     runs, nees = 30, []
