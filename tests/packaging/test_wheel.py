@@ -81,7 +81,7 @@ def test_it_holds_one_package_with_every_module(wheel, tracked):
     assert installed == {"certnav" / name for name in sources} | {Path("certnav/py.typed")}
     for folder in {name.parent for name in sources}:
         assert folder / "__init__.py" in sources
-    assert {name.parts[0] for name in sources} == {"__init__.py", *FOLDERS}
+    assert {name.parts[0] for name in sources} == {"__init__.py", "lazy.py", *FOLDERS}
 
 
 def test_its_top_level_and_command_are_certnav(wheel):
