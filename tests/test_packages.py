@@ -16,8 +16,8 @@ from types import ModuleType
 import pytest
 
 PACKAGES = [
-    "datasets", "filters", "velocity", "velocity.study", "nav.check", "nav.compare", "nav.report",
-    "nav.results", "nav.spells", "nav.tune", "nav.windows",
+    "datasets", "filters", "velocity", "velocity.study", "nav", "nav.check", "nav.compare",
+    "nav.report", "nav.results", "nav.spells", "nav.tune", "nav.windows",
 ]  # fmt: skip
 
 
