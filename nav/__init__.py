@@ -3,12 +3,14 @@
     config, config_files        what a run is asked, and how it is written down
     solution, notes             what it returns, what it tells
     pipeline, navigator         a whole recording; a live vehicle
+    rejections                  carried fixes that are not used, in words
     sweep                       much at once: threads, processes, a cluster
 
     engine/                     events, the start, the filter loop and its decisions
     evaluation/                 errors against a reference, honesty of the covariance
+    spells/                     spells of weak GNSS: when, what is left, the drift in them
     results/                    the result directory
-    report/                     the page of a run
+    page/ report/               what all pages share; the page of a run
     check/ compare/             recordings against physics; methods side by side
     tune/ windows/              thresholds from data; alignment windows of a recording
     commands/                   the command line

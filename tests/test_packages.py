@@ -15,7 +15,10 @@ from types import ModuleType
 
 import pytest
 
-PACKAGES = ["datasets", "filters", "velocity", "velocity.study"]
+PACKAGES = [
+    "datasets", "filters", "velocity", "velocity.study", "nav", "nav.check", "nav.compare",
+    "nav.report", "nav.results", "nav.spells", "nav.tune", "nav.windows",
+]  # fmt: skip
 
 
 def packages():
@@ -48,8 +51,11 @@ def test_public_names_are_there_and_no_module_hides_them(package):
 def test_type_checkers_see_the_names_that_users_get(package):
     module = import_module(f"certnav.{package}")
     seen = for_type_checkers(Path(module.__file__).read_text(encoding="utf-8"))
-    assert seen == {name: where for where, names in module._PUBLIC.items() for name in names}
     assert sorted(seen) == sorted(module.__all__)
+    for name, where in seen.items():
+        home = import_module(f"certnav.{package}.{where}")
+        assert getattr(module, name) is getattr(home, name)
+        assert getattr(getattr(home, name), "__module__", home.__name__) == home.__name__
 
 
 @packages()

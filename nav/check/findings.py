@@ -80,6 +80,9 @@ class Report:
     contents: tuple[str, ...]
     findings: tuple[Finding, ...]
 
+    def __repr__(self) -> str:
+        return f"<Report on {self.path}: {self.verdict}>"
+
     def of(self, severity: str) -> tuple[Finding, ...]:
         """Return the findings of one severity."""
         return tuple(f for f in self.findings if f.severity == severity)

@@ -61,6 +61,15 @@ class Run:
     used: dict[str, tuple[int, int, float | None]] = field(default_factory=dict)
     reason: str = ""
 
+    def __repr__(self) -> str:
+        title = f"{self.method} on {self.sequence}{self.variant}"
+        if self.reason:
+            return f"<Run {title}: not available: {self.reason}>"
+        figures = [("drift RMS", statistics(s.drift for s in self.spells)["rms_of_maxima"])]
+        figures.append(("horizontal RMS", self.metrics["horizontal_rms_m"]))
+        said = [f"{name} {value:.3g} m" for name, value in figures if value is not None]
+        return f"<Run {title}: {', '.join([f'{len(self.spells)} spells', *said])}>"
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -81,6 +90,11 @@ class Comparison:
     reference: dict[str, FloatArray]
     outages: str
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        weak = f"weak GNSS {self.outages}" if self.outages else "no spells"
+        some = ", ".join(self.methods[:3]) + (" …" if len(self.methods) > 3 else "")
+        return f"<Comparison of {len(self.runs)} runs, {weak}: {some}>"
 
     @property
     def methods(self) -> list[str]:

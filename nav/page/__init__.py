@@ -1,1 +1,6 @@
-"""What the pages of certnav share: one document, one style of pictures, figures in words."""
+"""What the pages of certnav share.
+
+document      one HTML page that loads nothing from anywhere; its tables and pictures
+pictures      one palette and one style of figures, drawn as SVG
+quantities    figures in words: three digits, a unit, a dash for what is not known
+"""

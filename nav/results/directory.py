@@ -78,6 +78,12 @@ class Result:
     summary: dict[str, Any]
     config_text: str
 
+    def __repr__(self) -> str:
+        rms = self.evaluation.metrics["horizontal_rms_m"]
+        judged = "no reference" if rms is None else f"horizontal RMS {rms:.3g} m"
+        epochs = len(self.solution.trajectory)
+        return f"<Result '{self.name}', {epochs} epochs, {judged}, in {self.path}>"
+
     @property
     def name(self) -> str:
         """Name of the run."""

@@ -59,6 +59,12 @@ class SpellFigures:
     since: FloatArray
     growth: FloatArray
 
+    def __repr__(self) -> str:
+        return (
+            f"<SpellFigures {self.start:.1f}…{self.end:.1f} s: drift {self.drift:.3g} m, "
+            f"largest error {self.max_error:.3g} m>"
+        )
+
 
 def spell_figures(evaluation: Evaluation, spell: Spell) -> SpellFigures | None:
     """Return the figures of one spell; None where the reference has no epochs in it."""

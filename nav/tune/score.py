@@ -34,6 +34,10 @@ class Score:
     kept: FloatArray
     offered: int
 
+    def __repr__(self) -> str:
+        snr, k = self.square.shape
+        return f"<Score of {self.offered} over {snr} × {k} thresholds>"
+
     @property
     def rms(self) -> FloatArray:
         """RMS error; NaN where nothing is left."""

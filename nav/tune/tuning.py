@@ -80,6 +80,14 @@ class Tuning:
     noise: dict[str, NoiseFit]
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        t = self.thresholds
+        return (
+            f"<Tuning for {self.objective} on {len(self.alone)} sequences: C/N0 > "
+            f"{t.min_cn0_dbhz:g} dB-Hz, k > {t.min_k:g}, cross-validated RMS {self.cv_rms:.3g} "
+            f"{self.unit}, {self.cv_retention:.0%} retained>"
+        )
+
     @property
     def unit(self) -> str:
         """Of the errors."""

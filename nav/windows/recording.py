@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,6 +61,13 @@ class WindowResult:
     bound: float = float("nan")
     verdicts: tuple[Verdict, ...] = ()
     result: AlignmentResult | None = None
+
+    def __repr__(self) -> str:
+        heading, sigma = self.heading % math.tau, self.sigma_heading
+        angles = (("heading", heading), ("1σ", sigma), ("error", self.error))
+        known = [f"{name} {math.degrees(a):.4g}°" for name, a in angles if math.isfinite(a)]
+        said = self.message or ", ".join(known)
+        return f"<WindowResult at {self.start:.1f} s, {self.rows} rows, {self.status}: {said}>"
 
     @property
     def passed(self) -> bool:
