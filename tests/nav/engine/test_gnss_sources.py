@@ -89,3 +89,31 @@ def test_sources_prefer_what_is_carried_and_what_is_raw():
 def test_a_source_that_is_not_there_is_named(made, key, value):
     with pytest.raises(ConfigError, match=rf"gnss\.{key}: '{value}'"):
         sources(made(), gnss(**{key: value}))
+
+
+def test_a_fix_that_is_none_is_no_event_and_no_whereabouts():
+    """Its reason is told, with the velocity's; lines of sight are seen from the others."""
+    far = np.array([rigs.PLACE, rigs.PLACE + 5e4, rigs.PLACE])
+    fixes = rigs.positions([10.0, 11.0, 12.0], far, "receiver")
+    fixes = dataclasses.replace(
+        fixes, vel_e=np.zeros((3, 3)), vel_cov_e=np.tile(np.eye(3), (3, 1, 1)),
+        rejected=np.array(["", "repeats", ""]),
+    )  # fmt: skip
+    found = gnss_timeline(rigs.recording(fixes=fixes), gnss())
+    reasons = {(e.time, e.kind): e.reason for e in found.events}
+    assert reasons[11.0, "position"] == reasons[11.0, "velocity"] == "repeats"
+    assert not any(why for (time, _), why in reasons.items() if time != 11.0)
+    (note,) = found.notes[1:]
+    assert note.doubtful and note.text.startswith("fixes: 1 rows from 11.00 s to 11.00 s")
+    both = rigs.recording(rigs.sky(time=11.0), fixes)
+    (doppler,) = [e for e in gnss_timeline(both, gnss()).events if e.observations is not None]
+    np.testing.assert_allclose(doppler.epoch.pos_e, rigs.PLACE)
+    silent = gnss_timeline(both, gnss(position="none")).notes
+    assert [n.text for n in silent] == ["positions: none; velocities: doppler"]
+
+
+def test_fixes_are_looked_through_before_they_are_used():
+    """Latitude and longitude zero: what a logger writes until there is a fix."""
+    nowhere = np.array([rigs.PLACE, [6378137.0, 0.0, 0.0], rigs.PLACE])
+    found = gnss_timeline(rigs.recording(fixes=rigs.positions([10.0, 11.0, 12.0], nowhere)), gnss())
+    assert [bool(e.reason) for e in found.events] == [False, True, False]

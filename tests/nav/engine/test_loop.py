@@ -63,6 +63,20 @@ def test_constraints_come_every_interval_between_the_events():
     assert kalman.time == pytest.approx(3.2) and all(u.accepted for u in loop.updates)
 
 
+@pytest.mark.parametrize("off", [
+    -5e-7, -2e-8, 0.0, 5e-10,
+    *(pytest.param(late, marks=pytest.mark.xfail(
+        raises=Diverged, strict=True, reason="the constraint is due before the filter's time"
+    )) for late in (2e-8, 5e-7)),
+])  # fmt: skip
+def test_an_event_at_the_time_of_a_constraint_goes_first_whatever_rounding_says(off):
+    kalman = rigs.filter_at_rest(6.0)
+    loop = loop_of(kalman, vehicle={"interval_s": 0.5, "nhc": "on", "zupt": False, "zaru": False})
+    loop.offer(position(1.0 + off))
+    loop.offer(position(1.7))
+    assert [u.kind for u in loop.updates] == ["nhc", "position", "nhc", "nhc", "position"]
+
+
 def test_they_count_from_where_the_filter_began():
     stream = rigs.stream_at_rest(rigs.C_EN, 6.0, start=100.0)
     kalman = rigs.filter_at_rest(stream=stream)

@@ -95,3 +95,24 @@ def test_everything_else_is_linear(drive):
     for name, slope in lines.items():
         expected = np.multiply.outer([0.25, 3.75], slope)
         np.testing.assert_allclose(getattr(at, name), expected, atol=1e-5, err_msg=name)
+
+
+@pytest.mark.parametrize(("time", "nodes"), [
+    (2.25, (2, 3)), (0.5, (0, 1)), (3.75, (3, 4)), (2.0, (2, 3)), (4.0, (3, 4)),
+])  # fmt: skip
+def test_the_two_nodes_around_it_and_no_other(drive, time, nodes):
+    solution, _ = drive(noise=0.0, duration=4.0, rate=1.0)
+    track = solution.trajectory
+    others = np.setdiff1d(np.arange(5), nodes)
+    spoilt = {"time": track.time}
+    for field in dataclasses.fields(track)[1:]:
+        values = getattr(track, field.name).copy()
+        if field.name == "C_eb":
+            values[others] = np.diag([1.0, -1.0, -1.0])
+        else:
+            values[others] = np.nan
+        spoilt[field.name] = values
+    at = track.time[:1] + time
+    sound, made = (interpolate(t, at) for t in (track, type(track)(**spoilt)))
+    for field in dataclasses.fields(track):
+        np.testing.assert_array_equal(getattr(made, field.name), getattr(sound, field.name))
