@@ -261,14 +261,24 @@ def _fixes_of_format(
 
         fixes = read_gnss(path, week=declared.week(section))
     else:
-        from ..formats.receiver_logs import read_nmea, read_ubx
+        sigma = {
+            of: section.numbers(key, (1, 3), "") if section.has(key) else None
+            for of, key in (
+                ("position_sigma", "position_sigma_m"),
+                ("velocity_sigma", "velocity_sigma_mps"),
+            )
+        }
+        if kind == "ubx":
+            from ..formats.ubx import read_ubx
 
-        sigma = section.numbers("position_sigma_m", (1, 3), "", np.empty(0))
-        fixes, notes = (
-            read_ubx(path)
-            if kind == "ubx"
-            else read_nmea(path, position_sigma=sigma if sigma.size else None)
-        )
+            fixes, notes = read_ubx(path, **sigma)
+        else:
+            from ..formats.nmea import read_nmea
+
+            geoid = (
+                float(section.numbers("geoid_m", (1,), "")[0]) if section.has("geoid_m") else None
+            )
+            fixes, notes = read_nmea(path, **sigma, geoid=geoid)
     if offset:
         fixes = dataclasses.replace(fixes, time=fixes.time + offset)
     return fixes, list(notes)
