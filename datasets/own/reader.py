@@ -67,7 +67,7 @@ def read_declared(path: str | Path) -> Sequence:
     C_bv = mounting(declared)
     spec = imu_spec(declared)
     imu, imu_notes = _imu(declared)
-    observations, navigation, rover = _rinex(declared)
+    observations, navigation, rover, rinex_notes = _rinex(declared)
     fixes, fix_notes = _fixes(declared)
     if observations is None and fixes is None:
         raise ConfigError(
@@ -107,6 +107,7 @@ def read_declared(path: str | Path) -> Sequence:
             *physics_notes,
             f"IMU noise: {spec.name}, {spec.source}",
             f"lever arm IMU→antenna {lever_b} m (forward, right, down), as declared",
+            *rinex_notes,
             *fix_notes,
             *odometer_notes,
             *reference_notes,
@@ -173,12 +174,13 @@ def _imu(declared: Declaration) -> tuple[ImuData, list[str]]:
 
 def _rinex(
     declared: Declaration,
-) -> tuple[GnssObservations | None, tuple[Path, ...], Path | None]:
+) -> tuple[GnssObservations | None, tuple[Path, ...], Path | None, list[str]]:
     section = declared.section("rinex")
     if section is None:
-        return None, (), None
+        return None, (), None, []
     from ..rtklib import read_observations
     from ..text.rinex_packing import plain_rinex
+    from ..text.rinex_repair import readable_rinex
 
     home = section.file.parent
     name = section.text("observations", 'observations = "rover.obs"')
@@ -198,7 +200,8 @@ def _rinex(
         systems=section.text("systems", "", default="GREC"),
         signals=section.choice("signals", ("first", "all"), "", default="first"),
     )
-    return observations, navigation, rover
+    notes = [note for f in (rover, *navigation) for note in readable_rinex(f).notes]
+    return observations, navigation, rover, notes
 
 
 def _fixes(declared: Declaration) -> tuple[GnssFixes | None, list[str]]:
