@@ -19,6 +19,8 @@ import numpy as np
 
 from ...filters.errors import ConfigError, DataError
 from .. import gpstime
+from ..text import rinex_header as header
+from ..text.rinex_repair import without_mark
 
 SIDECAR = "great.toml"
 _REFERENCE_FOLDERS = ("groundtruth", "groudtruth", "ref", "reference")
@@ -168,32 +170,33 @@ def is_rinex_name(name: str) -> bool:
 
 def rinex_kind(path: Path) -> str:
     """Return 'O' for RINEX observations, 'N' for navigation, '' for anything else."""
-    with path.open(encoding="ascii", errors="replace") as stream:
-        line = stream.readline()
-    if line[60:80].strip().upper() != "RINEX VERSION / TYPE":
+    with path.open("rb") as stream:
+        line = without_mark(stream.readline(1024)).decode("latin-1")
+    if header.split(line)[1] != "RINEX VERSION / TYPE":
         return ""
     letter = line[20:21].upper()
     return "N" if letter in ("N", "G", "L", "E") else letter  # RINEX 2 names GLONASS, Galileo nav
 
 
 def first_observation(path: Path) -> float:
-    """Return TIME OF FIRST OBS as GPS time [s]; RINEX requires it and its time system."""
+    """Return TIME OF FIRST OBS, or the first epoch where it is missing, as GPS time [s]."""
+    ended = False
     with path.open(encoding="ascii", errors="replace") as stream:
         for number, line in enumerate(stream, start=1):
-            label = line[60:80].strip().upper()
-            if label == "TIME OF FIRST OBS":
+            label = header.split(line)[1]
+            if label == "TIME OF FIRST OBS" or ended:
+                tokens = line[:43].lstrip("> ").split()
                 try:
-                    year, month, day, hour, minute = (int(v) for v in line[:30].split()[:5])
-                    second = float(line[30:43])
-                    return gpstime.from_calendar(year, month, day, hour, minute, second)
-                except ValueError:
+                    year, month, day, hour, minute = (int(v) for v in tokens[:5])
+                    year += 2000 if ended and year < 80 else 0  # RINEX 2 epochs have two digits
+                    return gpstime.from_calendar(year, month, day, hour, minute, float(tokens[5]))
+                except (ValueError, IndexError):
                     raise DataError(
                         f"TIME OF FIRST OBS: expected a date, found '{line[:43].strip()}'",
                         file=path,
                         line=number,
                     ) from None
-            if label == "END OF HEADER":
-                break
+            ended = label == "END OF HEADER"
     raise DataError("TIME OF FIRST OBS missing from the header", file=path)
 
 

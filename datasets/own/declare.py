@@ -167,6 +167,7 @@ def _draft_file(path: Path, name: str) -> tuple[str, list[str]]:
             file,
             _line("format", "nmea"),
             _line("position_sigma_m", BLANK, "1σ, e.g. [2.0, 2.0, 4.0]; drop it if there is GST"),
+            _line("velocity_sigma_mps", BLANK, "1σ of speed and course, e.g. 0.2"),
         ]
     if not head.startswith(b"\x1f\x8b"):
         if is_pos(path):

@@ -68,7 +68,7 @@ def read_declared(path: str | Path) -> Sequence:
     C_bv = mounting(declared)
     spec = imu_spec(declared)
     imu, imu_notes = _imu(declared)
-    observations, navigation, rover = _rinex(declared)
+    observations, navigation, rover, rinex_notes = _rinex(declared)
     fixes, fix_notes = _fixes(declared)
     if observations is None and fixes is None:
         raise ConfigError(
@@ -108,6 +108,7 @@ def read_declared(path: str | Path) -> Sequence:
             *physics_notes,
             f"IMU noise: {spec.name}, {spec.source}",
             f"lever arm IMU→antenna {lever_b} m (forward, right, down), as declared",
+            *rinex_notes,
             *fix_notes,
             *odometer_notes,
             *reference_notes,
@@ -174,12 +175,13 @@ def _imu(declared: Declaration) -> tuple[ImuData, list[str]]:
 
 def _rinex(
     declared: Declaration,
-) -> tuple[GnssObservations | None, tuple[Path, ...], Path | None]:
+) -> tuple[GnssObservations | None, tuple[Path, ...], Path | None, list[str]]:
     section = declared.section("rinex")
     if section is None:
-        return None, (), None
+        return None, (), None, []
     from ..rtklib import read_observations
     from ..text.rinex_packing import plain_rinex
+    from ..text.rinex_repair import readable_rinex
 
     home = section.file.parent
     name = section.text("observations", 'observations = "rover.obs"')
@@ -199,7 +201,8 @@ def _rinex(
         systems=section.text("systems", "", default="GREC"),
         signals=section.choice("signals", ("first", "all"), "", default="first"),
     )
-    return observations, navigation, rover
+    notes = [note for f in (rover, *navigation) for note in readable_rinex(f).notes]
+    return observations, navigation, rover, notes
 
 
 def _fixes(declared: Declaration) -> tuple[GnssFixes | None, list[str]]:
@@ -271,14 +274,24 @@ def _fixes_of_format(
 
         fixes = read_gnss(path, week=declared.week(section))
     else:
-        from ..formats.receiver_logs import read_nmea, read_ubx
+        sigma = {
+            of: section.numbers(key, (1, 3), "") if section.has(key) else None
+            for of, key in (
+                ("position_sigma", "position_sigma_m"),
+                ("velocity_sigma", "velocity_sigma_mps"),
+            )
+        }
+        if kind == "ubx":
+            from ..formats.ubx import read_ubx
 
-        sigma = section.numbers("position_sigma_m", (1, 3), "", np.empty(0))
-        fixes, notes = (
-            read_ubx(path)
-            if kind == "ubx"
-            else read_nmea(path, position_sigma=sigma if sigma.size else None)
-        )
+            fixes, notes = read_ubx(path, **sigma)
+        else:
+            from ..formats.nmea import read_nmea
+
+            geoid = (
+                float(section.numbers("geoid_m", (1,), "")[0]) if section.has("geoid_m") else None
+            )
+            fixes, notes = read_nmea(path, **sigma, geoid=geoid)
     if offset:
         fixes = dataclasses.replace(fixes, time=fixes.time + offset)
     return fixes, list(notes)

@@ -16,6 +16,7 @@ from ...filters.rotation import FloatArray
 from .. import gpstime
 from ..observations import GnssObservations
 from ..text.rinex import check_observations
+from ..text.rinex_repair import readable_rinex
 from .file_names import harmless_name
 from .satellites import GPS_EPOCH_GTIME, broadcast_states, load_navigation, satellite_name
 
@@ -30,7 +31,7 @@ def read_observations(
     signals: str = "first",
     codes: Sequence[str] = (),
 ) -> GnssObservations:
-    """Return the observations of a RINEX 2 or 3 file with broadcast satellite states attached.
+    """Return the observations of a RINEX 2, 3 or 4 file with broadcast satellite states attached.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ def read_observations(
         Observation file. Doppler is positive when approaching, as RINEX defines it; 0 and blank
         mean missing. BeiDou B1I is reported as '2I', also from RINEX 3.02, which calls it '1I'.
     navigation : sequence of path
-        Broadcast ephemerides of the same days, any mixture of RINEX 2 and 3.
+        Broadcast ephemerides of the same days, any mixture of RINEX 2, 3 and 4.
     systems : str
         Constellation letters to keep: G GPS, R GLONASS, E Galileo, C BeiDou, J QZSS.
     signals : {'first', 'all'}
@@ -118,7 +119,7 @@ def _observation_records(path: Path, systems: str, codes: Sequence[str], bands: 
     """Return gtime seconds (whole, fraction), satellite, code, P, L, D, C/N0, lock per row."""
     obs, nav, station = rtk.obs_t(), rtk.nav_t(), rtk.sta_t()
     options = " ".join(f"-{code[0]}L{code[1:]}" for code in codes)
-    with harmless_name(path) as name:
+    with harmless_name(readable_rinex(path).path) as name:
         rtk.readrnx(name, 1, options, obs, nav, station)
     if obs.n == 0:
         raise DataError("no observations found", file=path, remedy="check the file's content")

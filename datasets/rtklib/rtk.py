@@ -19,7 +19,9 @@ from ...filters.rotation import FloatArray
 from .. import gpstime
 from ..formats.rtklib_pos import read_pos
 from ..observations import GnssFixes, GnssObservations
+from ..text import rinex_header as header
 from ..text.rinex import check_observations
+from ..text.rinex_repair import readable_rinex
 from .file_names import harmless_name
 from .observations import _known_systems
 from .satellites import GPS_EPOCH_GTIME, load_navigation
@@ -131,6 +133,8 @@ def relative_positions(
     epochs, satellites = _epochs([rover])
     base_epochs, _ = _epochs(bases)
     _refuse_no_overlap(rover, bases[0], epochs, base_epochs, max_age)
+    rover = readable_rinex(rover).path
+    bases, navigation = ([readable_rinex(f).path for f in files] for files in (bases, navigation))
     options = _options(elevation_mask, systems, frequencies, min_ratio, max_age)
     options.modear = _HOLD[ambiguities]
     options.refpos, options.rovpos = rtk.POSOPT_POS_XYZ, rtk.POSOPT_POS_XYZ
@@ -174,7 +178,7 @@ def _header_position(file: Path) -> tuple[FloatArray, int]:
     marker, line, offset = None, 0, np.zeros(3)
     with file.open(encoding="latin-1") as stream:
         for number, text in enumerate(stream, start=1):
-            label = text[60:].strip()
+            label = header.split(text)[1]
             if label == "END OF HEADER":
                 break
             if label not in ("APPROX POSITION XYZ", "ANTENNA: DELTA H/E/N"):
@@ -206,7 +210,7 @@ def _epochs(files: list[Path]) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return the epochs of observation files [s] and how many satellites each has."""
     obs, nav, station = rtk.obs_t(), rtk.nav_t(), rtk.sta_t()
     for file in files:
-        with harmless_name(file) as name:
+        with harmless_name(readable_rinex(file).path) as name:
             rtk.readrnx(name, 1, "", obs, nav, station)
     if obs.n == 0:
         raise DataError("no observations found", file=files[0], remedy="check the file's content")

@@ -15,6 +15,7 @@ from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray
 from ..text.rinex import check_navigation
+from ..text.rinex_repair import readable_rinex
 from .file_names import harmless_name
 
 #: RTKLIB's gtime_t counts from the Unix epoch without leap seconds; offset to the GPS epoch [s].
@@ -109,7 +110,7 @@ def _read_navigation(files: tuple[tuple[Path, int, int], ...]) -> Any:
     for path, _, _ in files:
         check_navigation(path)
         known = nav.n, nav.ng
-        with harmless_name(path) as name:
+        with harmless_name(readable_rinex(path).path) as name:
             rtk.readrnx(name, 1, "", obs, nav, station)
         if (nav.n, nav.ng) == known:
             raise DataError("no ephemeris found", file=path, remedy="check the file's content")

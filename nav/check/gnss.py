@@ -282,7 +282,10 @@ def _velocity_axes(found: GnssFixes, computable: bool) -> list[Finding]:
     """Compare displacements with velocities, and where they contradict, say how."""
     subject = "GNSS velocity"
     if not found.has_velocity.any() and not computable:
-        remedy = "declare the columns of the velocity; of speed and course make north and east"
+        remedy = (
+            "declare the columns of the velocity; of speed and course make north and east "
+            "(NMEA: velocity_sigma_mps)"
+        )
         return [Finding("fatal", subject, "none: a run has nothing to start from", remedy)]
     if found.has_velocity.sum() < 20:
         what = "too few" if found.has_velocity.any() else "the positions carry no velocity"

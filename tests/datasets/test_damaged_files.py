@@ -216,7 +216,7 @@ def test_sound_messages_and_drafts_are_read(seeds, truth):
 
 
 def test_a_ubx_message_with_an_impossible_date(seeds, tmp_path):
-    from certnav.datasets.formats.receiver_logs import read_ubx
+    from certnav.datasets.formats.ubx import read_ubx
 
     data = bytearray((seeds[0] / "ubx/a.ubx").read_bytes())
     data[6 + 6] = 23  # the month of the first message
@@ -232,7 +232,8 @@ def test_a_ubx_message_with_an_impossible_date(seeds, tmp_path):
 
 
 def test_damaged_messages_are_counted(seeds, tmp_path):
-    from certnav.datasets.formats.receiver_logs import read_nmea, read_ubx
+    from certnav.datasets.formats.nmea import read_nmea
+    from certnav.datasets.formats.ubx import read_ubx
 
     data = bytearray((seeds[0] / "ubx/a.ubx").read_bytes())
     data[40] ^= 1  # the checksum of the first message is wrong now
@@ -248,7 +249,7 @@ def test_damaged_messages_are_counted(seeds, tmp_path):
 
 
 def test_nmea_sentences_with_empty_fields_are_no_fixes(seeds, tmp_path):
-    from certnav.datasets.formats.receiver_logs import read_nmea
+    from certnav.datasets.formats.nmea import read_nmea
 
     def sentence(body):
         check = 0
@@ -263,7 +264,7 @@ def test_nmea_sentences_with_empty_fields_are_no_fixes(seeds, tmp_path):
     file.write_text(text + extra)
     fixes, notes = read_nmea(file)
     assert len(fixes) == len(read_nmea(seeds[0] / "nmea/a.nmea")[0])
-    assert "1 sentences without a fix left out" in notes[0]
+    assert "left out: 1 without latitude, longitude or height;" in notes[0]
 
 
 def test_white_space_that_is_none_for_the_parser(tmp_path):
