@@ -80,7 +80,7 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None) -> Report:
         return Report(str(path), (), (refusal(error),))
     found = check_sequence(sequence)
     if not any(f.severity == "fatal" for f in found):
-        found += [refusal(error) for error in refused]
+        found += [refusal(error) for error, _ in refused]
     return Report(str(path), contents(sequence), in_order(found))
 
 
