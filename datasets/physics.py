@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,16 +34,31 @@ SLOPE_TOLERANCE = 0.10
 GRAVITY_TOLERANCE = 0.6
 
 
-_collected: ContextVar[list[DataError] | None] = ContextVar("collected", default=None)
+class Refusal(NamedTuple):
+    """What a reader refuses because physics contradicts it.
+
+    Attributes
+    ----------
+    error : DataError
+    against : {'gravity', 'course', 'velocity', 'position'}
+        What it was held against.
+    """
+
+    error: DataError
+    against: str
+
+
+_collected: ContextVar[list[Refusal] | None] = ContextVar("collected", default=None)
 
 
 @contextmanager
-def collected_refusals() -> Iterator[list[DataError]]:
-    """Collect what `check_gyro` and `check_gravity` refuse, instead of raising it.
+def collected_refusals() -> Iterator[list[Refusal]]:
+    """Collect what readers refuse by physics (`refuse`), instead of raising it.
 
-    For a reader's data to be looked at as a whole although they contradict physics.
+    For data to be looked at as a whole, or navigated unchecked, although they contradict physics.
+    What cannot be read is refused all the same.
     """
-    refused: list[DataError] = []
+    refused: list[Refusal] = []
     token = _collected.set(refused)
     try:
         yield refused
@@ -50,12 +66,12 @@ def collected_refusals() -> Iterator[list[DataError]]:
         _collected.reset(token)
 
 
-def _refuse(error: DataError) -> str:
-    """Raise the error, or collect it and return it as evidence."""
+def refuse(error: DataError, against: str) -> str:
+    """Raise the error, or collect it and return it as evidence (`collected_refusals`)."""
     refused = _collected.get()
     if refused is None:
         raise error
-    refused.append(error)
+    refused.append(Refusal(error, against))
     return str(error)
 
 
@@ -223,12 +239,12 @@ def decide_gyro_unit(ratio: TurnRatio, *, file: str | Path) -> tuple[str, str]:
                 f"± {ratio.sigma / value:.3f} over {turned:.0f}° of turning"
             )
         if ratio.is_close_to(-value):
-            raise DataError(
+            problem = (
                 f"yaw rate has the wrong sign: in {unit} its integral is "
-                f"{ratio.ratio / value:.2f} times the course change",
-                file=file,
-                remedy="declare the axes (z up or down) the file really holds",
+                f"{ratio.ratio / value:.2f} times the course change"
             )
+            remedy = "declare the axes (z up or down) the file really holds"
+            return unit, refuse(DataError(problem, file=file, remedy=remedy), "course")
     raise DataError(
         "gyro unit cannot be told: integral / course change is "
         f"{ratio.ratio:.3g} ± {ratio.sigma:.2g} over {np.degrees(ratio.turned):.0f}° of turning, "
@@ -272,12 +288,13 @@ def check_gyro(
         remedy = "the file is in rad/s: declare gyro_unit='rad/s'"
     else:
         remedy = "check the gyro's unit, axes and time scale"
-    return _refuse(
+    return refuse(
         DataError(
             f"gyro declared {declared} contradicts the course: {evidence}, expected 1",
             file=file,
             remedy=remedy,
-        )
+        ),
+        "course",
     )
 
 
@@ -307,23 +324,25 @@ def check_gravity(accel_b: ArrayLike, *, file: str | Path, declared: str) -> str
             remedy = "the file is in m/s²: declare accel_unit='m/s2'"
         else:
             remedy = "check unit, and whether the file holds increments instead of rates"
-        return _refuse(
+        return refuse(
             DataError(
                 f"accelerometer declared {declared}: expected a mean of 9.8 m/s², found {size:.2f}",
                 file=file,
                 remedy=remedy,
-            )
+            ),
+            "gravity",
         )
     if -mean[2] < size * np.cos(np.radians(30.0)):
         axis = int(np.argmax(np.abs(mean)))
         sign = "+" if mean[axis] > 0 else "−"
-        return _refuse(
+        return refuse(
             DataError(
                 f"accelerometer declared {declared}: expected up = −z after conversion to "
                 f"forward-right-down, found {sign}{'xyz'[axis]} ({mean.round(2)} m/s²)",
                 file=file,
                 remedy="declare the axes the file really holds",
-            )
+            ),
+            "gravity",
         )
     tilt = np.degrees(np.arccos(np.clip(-mean[2] / size, -1.0, 1.0)))
     return (

@@ -22,9 +22,9 @@ from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ...filters.sensors import ImuSpec
 from ...filters.sensors import imu_preset as _preset
+from ..displacement import check_velocity
 from ..gpstime import SECONDS_PER_WEEK, from_week_sow
 from ..observations import GnssFixes
-from ..own.pvt_columns import check_velocity
 from ..physics import check_gravity, check_gyro, course_of
 from ..sequence import Calibration, Sequence
 from ..series import ImuData, Reference
@@ -268,7 +268,8 @@ def read_gnss(path: str | Path, *, week: int) -> GnssFixes:
     if wide:
         vel_e = np.einsum("nij,nj->ni", C_en, value[:, 7:10])
         vel_cov_e = np.einsum("nij,nj,nkj->nik", C_en, std[:, 3:] ** 2, C_en)
-        check_velocity(time, pos_e, vel_e, file=path, declared="north-east-down")
+        sigma = np.hypot(*std[:, :2].T)
+        check_velocity(time, pos_e, vel_e, sigma, file=path, declared="north-east-down")
     return GnssFixes(
         time=time,
         pos_e=pos_e,

@@ -34,7 +34,7 @@ from ...filters.sensors import ImuSpec
 from ..fields import StrArray
 from ..gpstime import SECONDS_PER_WEEK, from_week_sow
 from ..observations import GnssFixes, GnssObservations
-from ..physics import gyro_unit_ratio
+from ..physics import gyro_unit_ratio, refuse
 from ..sequence import Calibration, Sequence
 from ..series import Odometer, Reference
 from ..text.columns import Columns, open_text, read_columns
@@ -202,12 +202,12 @@ def _check_yaw_rate(odometer: Odometer, truth: _Truth, file: Path) -> str:
     if not found.conclusive:
         return "yaw rate: taken as documented, too little turning to verify"
     if not found.is_close_to(1.0):
-        raise DataError(
+        problem = (
             f"yaw rate contradicts the truth's heading: its integral is {found.ratio:.3g} ± "
-            f"{found.sigma:.1g} times the change, expected 1 (rad/s, positive to the left)",
-            file=file,
-            remedy="check unit and sign of the yaw rate",
+            f"{found.sigma:.1g} times the change, expected 1 (rad/s, positive to the left)"
         )
+        remedy = "check unit and sign of the yaw rate"
+        return refuse(DataError(problem, file=file, remedy=remedy), "course")
     return f"yaw rate verified: integral / heading change = {found.ratio:.3f} ± {found.sigma:.3f}"
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from ...filters.errors import DataError
+from ..displacement import check_velocity
 from ..gpstime import SECONDS_PER_WEEK, from_week_sow
 from ..observations import GnssFixes
-from ..own.pvt_columns import check_velocity
 from ..text.tables import increasing, read_lines, read_table
 
 COLUMNS = (
@@ -74,7 +74,8 @@ def read_flt(path: str | Path, *, week: int) -> tuple[GnssFixes, tuple[str, ...]
     usable = moving & (value[:, 10:13] > 0.0).all(axis=1)
     n, eye = time.size, np.eye(3)
     vel_e = np.where(usable[:, None], value[:, 4:7], np.nan)
-    check_velocity(time, value[:, 1:4], vel_e, file=path, declared="ECEF")
+    sigma = np.hypot(*value[:, 7:9].T)
+    check_velocity(time, value[:, 1:4], vel_e, sigma, file=path, declared="ECEF")
     fixes = GnssFixes(
         time=time,
         pos_e=value[:, 1:4],

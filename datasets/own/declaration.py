@@ -47,7 +47,7 @@ ACCEL_UNITS: dict[str, tuple[float, bool]] = {
     "mg": (1e-3 * _G, False),
     "m/s": (1.0, True),
 }
-SPEED_UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "knots": 1852.0 / 3600.0}
+SPEED_UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "knots": 1852.0 / 3600.0, "ft/s": 0.3048}
 ANGLE_UNITS = {"deg": _DEG, "rad": 1.0}
 POSITION_FRAMES = ("lla", "ecef")
 VELOCITY_FRAMES = ("ned", "enu", "ecef")

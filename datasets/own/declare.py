@@ -28,7 +28,7 @@ from .column_roles import Sampled
 from .declaration import BLANK, NAME
 
 _COLUMN = 44
-_SPEEDS = "m/s, km/h or knots"
+_SPEEDS = "m/s, km/h, knots or ft/s"
 #: Stamps this far apart may be in another unit than seconds.
 _LONG_STEP = 2.0
 # A frame of a known class: the two bytes of its start alone are "µb", as in µbar.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ...filters.earth import C_en_of, lla_to_ecef
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
+from ..displacement import check_velocity, horizontal_sigma
 from ..text.columns import Column, Columns, open_text, read_columns
 from ..text.tables import increasing
 from ..time_scales import TimeScale, evenly_spaced, gps_time, late_weeks
@@ -27,10 +28,6 @@ from .declaration import ANGLE_UNITS, POSITION_FRAMES, SPEED_UNITS, VELOCITY_FRA
 _TO_NED = {"ned": np.eye(3), "enu": np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])}
 _COORDINATES = 'position = ["lat", "lon", "height"]'
 _VELOCITY = 'velocity = ["vn", "ve", "vd"]'
-#: A velocity may differ from differenced positions by this share of the speed …
-_SPEED_SHARE = 0.3
-#: … and this much [m/s], at speeds above `_MIN_SPEED` [m/s].
-_SPEED_FLOOR, _MIN_SPEED = 0.5, 2.0
 
 
 class Timed(NamedTuple):
@@ -163,14 +160,18 @@ def read_pvt(
         if vel_frame != "ecef":
             C_ev = C_en @ _TO_NED[vel_frame]
         vel_e = np.einsum("nij,nj->ni", C_ev, columns.numbers["velocity"] * SPEED_UNITS[unit])
-        check_velocity(time, pos_e, vel_e, file=columns.table.file, declared=vel_frame)
+    pos_cov_e = _covariance(section, columns, "position", C_ep, deviations)
+    if "velocity" in numbers:
+        sigma = horizontal_sigma(pos_cov_e)
+        file = columns.table.file
+        check_velocity(time, pos_e, vel_e, sigma, file=file, declared=vel_frame)
     return PvtColumns(
         columns.table.file,
         columns,
         time,
         pos_e,
         vel_e,
-        _covariance(section, columns, "position", C_ep, deviations),
+        pos_cov_e,
         _covariance(section, columns, "velocity", C_ev, deviations and "velocity" in numbers),
         (*stamps, *notes),
     )
@@ -264,55 +265,3 @@ def _covariance(
         "a zero deviation is no measurement: leave the row out or declare σ",
     )  # fmt: skip
     return np.einsum("nij,nj,nkj->nik", C_ea, variance, C_ea)
-
-
-def check_velocity(
-    time: FloatArray, pos_e: FloatArray, vel_e: FloatArray, *, file: Path, declared: str
-) -> None:
-    """Refuse velocities that contradict the positions they stand beside.
-
-    Raises
-    ------
-    DataError
-        With the frame, or the sign, in which they would agree.
-    """
-    step = np.diff(time)
-    mean_e = 0.5 * (vel_e[1:] + vel_e[:-1])
-    between_e = np.diff(pos_e, axis=0) / step[:, None]
-    speed = np.linalg.norm(mean_e, axis=1)
-    use = np.isfinite(speed) & (speed > _MIN_SPEED) & (step < 1.5 * np.median(step))
-    if use.sum() < 10:
-        return
-    C_ne = np.swapaxes(C_en_of(pos_e[1:][use]), 1, 2)
-    mean_n, between_n = (np.einsum("nij,nj->ni", C_ne, v[use]) for v in (mean_e, between_e))
-    limit = _SPEED_FLOOR + _SPEED_SHARE * float(np.median(speed[use]))
-
-    def apart(change: FloatArray) -> float:
-        difference = (mean_n @ change.T - between_n)[:, :2]
-        return float(np.median(np.hypot(*difference.T)))
-
-    found = apart(np.eye(3))
-    if found <= limit:
-        return
-    swap = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]])
-    remedies = {
-        "the columns are east before north: exchange them, or declare the other of ned, enu": swap,
-        "the velocity has the opposite sign": -np.eye(3),
-        "east has the opposite sign": np.diag([1.0, -1, 1]),
-        "north has the opposite sign": np.diag([-1.0, 1, 1]),
-        'the velocity is in km/h: velocity_unit = "km/h"': np.eye(3) / 3.6,
-        'the velocity is in m/s: velocity_unit = "m/s"': np.eye(3) * 3.6,
-        'the velocity is in knots: velocity_unit = "knots"': np.eye(3) * SPEED_UNITS["knots"],
-    }
-    best = min(remedies, key=lambda remedy: apart(remedies[remedy]))
-    fits = apart(remedies[best]) < 0.5 * limit
-    slower = float(np.median(np.linalg.norm(between_n, axis=1)) / np.median(speed[use]))
-    for unit, seconds in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
-        if abs(slower / seconds - 1.0) < 0.2:
-            best, fits = f'the stamps are in {unit}, not seconds: time_unit = "{unit}"', True
-    raise DataError(
-        f"velocity declared {declared} contradicts the positions: {found:.3g} m/s from their "
-        f"differences (median), expected < {limit:.2g} m/s",
-        file=file,
-        remedy=best if fits else "check columns, velocity_frame, velocity_unit and position order",
-    )

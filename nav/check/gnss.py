@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...datasets.displacement import Agreement, agreement, horizontal_sigma
 from ...datasets.observations import GnssFixes, GnssObservations
 from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of, ecef_to_lla, lla_to_ecef
@@ -290,61 +291,58 @@ def _velocity_axes(found: GnssFixes, computable: bool) -> list[Finding]:
     if found.has_velocity.sum() < 20:
         what = "too few" if found.has_velocity.any() else "the positions carry no velocity"
         return [Finding("note", subject, what)]
-    vel_n = np.einsum("nji,nj->ni", C_en_of(found.pos_e), found.vel_e)
-    step = np.diff(found.time)
-    mean = 0.5 * (vel_n[1:] + vel_n[:-1])
-    good = (step < 1.5 * np.median(step)) & (np.linalg.norm(mean, axis=1) > 1.0)
-    if good.sum() < 20:
+    sigma = horizontal_sigma(found.pos_cov_e)
+    moved = agreement(found.time, found.pos_e, found.vel_e, sigma)
+    if moved is None:
         return [Finding("note", subject, "too little motion to compare it with the positions")]
+    numbers = {
+        "way_over_velocity": moved.factor, "misfit": moved.misfit(np.eye(2)),
+        "misfit_sigma": moved.sigma, "scatter_m": moved.scatter,
+    }  # fmt: skip
     lla = ecef_to_lla(found.pos_e)
-    x, y = mean[good, :2], _moved(lla, found.time)[good, :2]
-    speed = float(np.median(np.linalg.norm(x, axis=1)))
-    limit = 0.25 * speed + 0.3
-
-    def apart(a: FloatArray, b: FloatArray) -> float:
-        return float(np.median(np.linalg.norm(a - b, axis=1)))
-
-    numbers = {"median_error_mps": apart(y, x)}
-    if numbers["median_error_mps"] < limit:
-        return [_vertical(lla, vel_n, found.time, numbers)]
+    if not moved.contradicts:
+        vel_n = np.einsum("nji,nj->ni", C_en_of(found.pos_e), found.vel_e)
+        return [_vertical(lla, vel_n, found.time, moved, numbers)]
     guesses = []
-    for velocity, words in (
-        (x[:, ::-1], "north and east are swapped"),
-        (-x, "its sign is reversed"),
-        (x / 3.6, "it is in km/h, not m/s"),
-        (x * 1852.0 / 3600.0, "it is in knots, not m/s"),
-    ):
-        size = float(np.median(np.linalg.norm(velocity, axis=1)))
-        guesses.append((apart(y, velocity) / (size + 0.5), subject, words))
+    if (cause := moved.cause()) is not None:
+        guesses.append((moved.misfit(cause.matrix), subject, cause.words))
     for values, words in (
         (lla[:, [1, 0, 2]], "latitude and longitude are swapped"),
         (np.degrees(lla) * [1, 1, np.pi / 180], "latitude and longitude are in radians"),
     ):
         if np.abs(values[:, 0]).max() < np.pi / 2:
-            moved = _moved(values, found.time)[good, :2]
-            guesses.append((apart(moved, x) / (speed + 0.5), "GNSS position", words))
-    misfit, where, words = min(guesses)
-    if misfit < 0.25:
+            other = _elsewhere_moved(found, values, sigma)
+            if other is not None and other.agrees:
+                guesses.append((other.misfit(np.eye(2)), "GNSS position", words))
+    if guesses:
+        _, where, words = min(guesses)
         text = f"{words}: only then do positions move as the velocities say"
         return [Finding("fatal", where, text, "declare it as it is", numbers)]
-    share = float(np.median(np.linalg.norm(y, axis=1))) / speed
-    text = f"positions move {share:.3g} times as far as the velocities say, or elsewhere"
+    text = f"positions move {moved.factor:.3g} times as far as the velocities say, or elsewhere"
     remedy = "check unit, order and sign of latitude, longitude and velocity"
     return [Finding("fatal", subject, text, remedy, numbers)]
 
 
-def _moved(lla: FloatArray, time: FloatArray) -> FloatArray:
-    """Return velocities north, east, down from differences of geodetic positions [m/s]."""
+def _elsewhere_moved(found: GnssFixes, lla: FloatArray, sigma: FloatArray) -> Agreement | None:
+    """Return how positions put elsewhere agree with the velocities north, east, down."""
+    vel_n = np.einsum("nji,nj->ni", C_en_of(found.pos_e), found.vel_e)
     pos_e = lla_to_ecef(*lla.T)
-    step_e = np.diff(pos_e, axis=0) / np.diff(time)[:, None]
-    return np.einsum("nji,nj->ni", C_en_of(pos_e[1:]), step_e)
+    vel_e = np.einsum("nij,nj->ni", C_en_of(pos_e), vel_n)
+    return agreement(found.time, pos_e, vel_e, sigma)
 
 
 def _vertical(
-    lla: FloatArray, vel_n: FloatArray, time: FloatArray, numbers: dict[str, float]
+    lla: FloatArray,
+    vel_n: FloatArray,
+    time: FloatArray,
+    moved: Agreement,
+    numbers: dict[str, float],
 ) -> Finding:
     """Test the sign of the down velocity by climbs over ten intervals."""
-    text = f"agrees with the change of position to {numbers['median_error_mps']:.2f} m/s"
+    text = (
+        f"positions move {moved.factor:.2f} ± {moved.sigma:.2f} times as it says, and lie within "
+        f"{moved.scatter:.2f} m of it"
+    )
     fall = 0.5 * (vel_n[1:, 2] + vel_n[:-1, 2]) * np.diff(time)
     known = np.isfinite(fall)
     fallen, climbed = np.cumsum(fall[known]), np.cumsum(np.diff(lla[:, 2])[known])

@@ -86,7 +86,7 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None) -> Report:
         return Report(str(path), (), (refusal(error),))
     found = check_sequence(sequence)
     if not any(f.severity == "fatal" for f in found):
-        found += [refusal(error) for error in refused]
+        found += [refusal(error) for error, _ in refused]
     if not any(f.severity != "note" and f.subject in _NEEDED_BY_MOUNTING for f in found):
         found += mounting_findings(sequence)
     return Report(str(path), contents(sequence), in_order(found))

@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 
 from certnav.datasets import gpstime
+from certnav.datasets.displacement import check_velocity
 from certnav.datasets.formats.oakville import read_oakville
 from certnav.datasets.loading import load, recognise
-from certnav.datasets.own.pvt_columns import check_velocity
 from certnav.datasets.own.reader import read_declared
 from certnav.datasets.text.imu import rates_from_increments
 from certnav.filters.earth import C_en_at, ecef_to_lla
