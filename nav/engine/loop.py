@@ -82,7 +82,7 @@ class FilterLoop:
         interval = self.config.vehicle.interval_s
         # Due at the very time of an event: that goes first, whatever rounding says.
         while (due := self.begin + self._constraints * interval) < until - 1e-6:
-            self._propagate(due)
+            self._propagate(max(due, self.kalman.time))
             credible = self._patience["velocity"].lasted < _EVIDENT - 1e-3
             for kind, measurement in self.vehicle.offered(self.kalman, credible):
                 outcome, reason = self._constrained(kind, measurement)
