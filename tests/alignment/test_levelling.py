@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from certnav.alignment.direction import log_odds
 from certnav.alignment.levelling import VelocityTrack, given_attitude, level_and_course
 from certnav.datasets.gpstime import from_week_sow
 from certnav.datasets.simulation.sensors import imu_measurements
@@ -101,8 +102,11 @@ def test_reversing_out_is_not_taken_for_driving_forward():
     # Play the drive with the IMU mounted backwards while the mounting says forwards.
     flip = np.diag([-1.0, -1.0, 1.0])
     turned = InertialStream(stream.edges[1:], stream.gyro @ flip, stream.accel @ flip)
-    result = level_and_course(turned, track, np.eye(3), SPEC)
-    assert "reversing" in result.message
+    ways = [
+        level_and_course(turned, track, np.eye(3), SPEC, backwards=way) for way in (False, True)
+    ]
+    assert log_odds(turned, track, *ways) < -10.0
+    result = ways[1]
     error = attitude_error_deg(result, forward)
     assert abs(abs(error[2]) - 180.0) < 1.0
 

@@ -40,10 +40,10 @@ def moving():
     return simulation.sequence(fixes=fixes)
 
 
-def feed(drive, delay):
+def feed(drive, delay, config=CONFIG):
     """Play a recorded drive into a navigator, GNSS arriving `delay` after its epoch."""
-    events = list(gnss_timeline(drive, CONFIG.gnss).events)
-    navigator = Navigator(drive.calibration, CONFIG, drive.imu.interval)
+    events = list(gnss_timeline(drive, config.gnss).events)
+    navigator = Navigator(drive.calibration, config, drive.imu.interval)
     states = []
     for time, gyro, accel in zip(drive.imu.time, drive.imu.gyro_b, drive.imu.accel_b, strict=True):
         navigator.add_imu(time, gyro, accel)
@@ -68,8 +68,10 @@ def feed(drive, delay):
 )
 def test_live_equals_batch(name, method, delay, request):
     drive = request.getfixturevalue(name)
-    batch = navigate(drive, CONFIG)
-    navigator, _ = feed(drive, delay)
+    tables = {"filter": {"output_rate_hz": 10.0}, "alignment": {"method": method}}
+    config = from_tables(tables)
+    batch = navigate(drive, config)
+    navigator, _ = feed(drive, delay, config)
     assert batch.alignment.method == method
     assert navigator.attempts == batch.alignment.attempts
     rows = navigator.rows
@@ -97,7 +99,7 @@ def test_before_alignment_it_says_why_it_waits(drive):
         navigator.add_imu(drive.imu.time[k], drive.imu.gyro_b[k], drive.imu.accel_b[k])
     for event in gnss_timeline(drive, CONFIG.gnss).events[:20]:
         navigator.add_gnss(event)
-    assert navigator.waiting == "no heading: slower than 3.0 m/s so far"
+    assert navigator.waiting == "not aligned: at rest, needs motion"
 
 
 def test_late_gnss_is_logged_and_not_used(drive):

@@ -119,6 +119,10 @@ class StartFinder:
             raise AlignmentError(
                 f"no GNSS velocity with a position within {POSITION_NEAR} s inside the IMU data"
             )
+        if self.method == "given":
+            given = given_start(self._fixes, self.config, agreeing=1)
+            assert given is not None
+            return given
         if self._fallback is None:
             try:
                 self._fallback = self._levelled.at_last()

@@ -33,9 +33,9 @@ _OPEN = "nose or tail first is not decided"
 _GIVEN_UP = 25.0
 
 
-def given_start(fixes: Fixes, config: AlignmentConfig) -> Start | None:
-    """Return the start with the attitude of the configuration, once there is a velocity."""
-    if not fixes.pairs:
+def given_start(fixes: Fixes, config: AlignmentConfig, agreeing: int = 2) -> Start | None:
+    """Return the start with the attitude of the configuration, once positions agree."""
+    if len(fixes.pairs) < agreeing:
         return None
     velocity, position = fixes.pairs[0]
     level, heading = np.radians([config.sigma_level_deg, config.sigma_heading_deg])

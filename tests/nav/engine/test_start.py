@@ -136,14 +136,15 @@ def test_a_position_must_be_near(moving, events):
     assert "no GNSS position within 2.5 s" in finder.waiting
 
 
-def test_a_standstill_comes_first():
+def test_a_standstill_does_not_pre_empt_a_certificate():
     simulation = simulate(SimulationConfig(seed=6, duration=60.0, density="open"))
     sequence = carried(simulation)
     timeline = gnss_timeline(sequence, Config().gnss)
     start = find_start(timeline.events, *ingredients(sequence))
-    assert start.attitude.method == "level+course"
-    assert "at rest" in start.attitude.message
-    assert start.certified is None and start.report(0.0).bound is None
+    assert start.attitude.method == "certified" and start.report(0.0).bound is not None
+    levelled = find_start(timeline.events, *ingredients(sequence, method="level+course"))
+    assert "at rest" in levelled.attitude.message
+    assert levelled.certified is None and levelled.report(0.0).bound is None
 
 
 def test_without_doppler_it_levels_and_certified_says_what_it_needs(moving):

@@ -77,12 +77,12 @@ def doppler(time):
 class Aligner:
     """Passes when told; remembers what it was given."""
 
-    def __init__(self, window, passes_at):
-        self.window, self.passes_at, self.given = window, passes_at, []
+    def __init__(self, window, passes_at, first=0.0):
+        self.window, self.passes_at, self.given, self.first = window, passes_at, [], first
 
-    def add(self, epoch, attempt):
-        self.given.append((epoch.time, attempt))
-        if not attempt:
+    def add(self, epoch):
+        self.given.append(epoch.time)
+        if epoch.time < self.first:
             return None
         passed = epoch.time >= self.passes_at
         message = "certified in motion" if passed else "not aligned: needs a turn"
@@ -91,19 +91,15 @@ class Aligner:
 
 @pytest.fixture
 def made(monkeypatch):
-    def make(window=None, passes_at=15.0, **config):
+    def make(window=None, passes_at=15.0, first=0.0, **config):
         said = []
         fixes = Fixes(STREAM, rigs.calibration(LEVER))
         start = CertifiedStart(fixes, AlignmentConfig(**config), rigs.IMU, said.append)
-        aligner = Aligner(window or Window(), passes_at)
+        aligner = Aligner(window or Window(), passes_at, first)
         monkeypatch.setattr(start, "_new_aligner", lambda: aligner)
         return SimpleNamespace(start=start, fixes=fixes, said=said, aligner=aligner)
 
     return make
-
-
-def always(_):
-    return True
 
 
 def test_it_starts_where_the_heading_is_first_good_enough(made):
@@ -113,7 +109,7 @@ def test_it_starts_where_the_heading_is_first_good_enough(made):
     for t in np.arange(10.0, 16.0):
         it.fixes.add(position(t, 10.0 * (t - 10.0)))
         it.fixes.add(velocity(t))
-    start = it.start.offer(doppler(15.0), always)
+    start = it.start.offer(doppler(15.0))
     assert start.state.time == start.attitude.time == 12.0
     np.testing.assert_array_equal(start.state.C_eb, window.C_at(2))
     assert window.asked == [(0, 1.0), (1, 1.0), (2, 1.0), (2, 1.0 / 9.0)]
@@ -130,7 +126,7 @@ def test_its_covariance_is_three_sigma_in_body_axes(made):
     it = made(window)
     it.fixes.add(position(14.0))
     it.fixes.add(velocity(14.0))
-    start = it.start.offer(doppler(15.0), always)
+    start = it.start.offer(doppler(15.0))
     cov = window.carried_to(4)[1] * 9.0
     C_be = window.C_at(4).T
     joint = start.joint_cov
@@ -153,7 +149,7 @@ def test_the_limit_itself_is_good_enough(made):
         it.fixes.add(position(t))
         it.fixes.add(velocity(t))
     it.fixes.add(position(15.0))
-    assert it.start.offer(doppler(15.0), always).state.time == 11.0
+    assert it.start.offer(doppler(15.0)).state.time == 11.0
 
 
 @pytest.mark.parametrize("epochs", [[], [10.0, 11.0], [9.5]])
@@ -165,7 +161,7 @@ def test_without_a_velocity_at_such_an_epoch_it_starts_at_the_end(made, epochs):
         it.fixes.add(position(t))
         it.fixes.add(velocity(t))
     it.fixes.add(position(13.0))
-    start = it.start.offer(doppler(15.0), always)
+    start = it.start.offer(doppler(15.0))
     assert start.state.time == 15.0
     expected = rigs.PLACE + 24.0 * NORTH - window.C_end @ LEVER
     swing = it.fixes.lever_velocity(start.attitude)
@@ -183,7 +179,7 @@ def test_the_antenna_of_a_turning_car_is_faster_than_its_imu(made):
     it = made(Window())
     it.fixes.lever_velocity = lambda attitude: 2.0 * EAST
     it.fixes.add(position(13.0))
-    start = it.start.offer(doppler(15.0), always)
+    start = it.start.offer(doppler(15.0))
     assert EAST @ (start.state.pos_e - rigs.PLACE) == pytest.approx(4.0, abs=1e-6)
 
 
@@ -191,7 +187,7 @@ def test_the_antenna_of_a_turning_car_is_faster_than_its_imu(made):
 def test_a_position_must_be_within_two_and_a_half_seconds(made, time, starts):
     it = made()
     it.fixes.add(position(time))
-    assert (it.start.offer(doppler(15.0), always) is not None) == starts
+    assert (it.start.offer(doppler(15.0)) is not None) == starts
     far = "; but no GNSS position within 2.5 s to start from"
     assert it.said == ["certified in motion" + ("" if starts else far)]
     assert it.start.attempts == [(15.0, it.said[0])]
@@ -199,21 +195,21 @@ def test_a_position_must_be_within_two_and_a_half_seconds(made, time, starts):
 
 def test_without_any_position_there_is_no_start(made):
     it = made()
-    assert it.start.offer(doppler(15.0), always) is None
+    assert it.start.offer(doppler(15.0)) is None
     assert it.said[0].endswith("to start from")
 
 
 def test_what_is_missing_is_said_and_kept(made):
-    it = made(passes_at=20.0)
+    it = made(passes_at=20.0, first=15.0)
     it.fixes.add(position(15.0))
     assert it.start.why_not().startswith("alignment.method 'certified' needs raw Doppler")
-    assert it.start.offer(velocity(14.0), always) is None and it.start.first_epoch is None
-    assert it.start.offer(doppler(14.0), lambda t: False) is None
+    assert it.start.offer(velocity(14.0)) is None and it.start.first_epoch is None
+    assert it.start.offer(doppler(14.0)) is None
     assert it.start.first_epoch == 14.0 and it.said == []
     assert it.start.why_not() == "not certified: less than 5 s of Doppler within the IMU data"
-    assert it.start.offer(doppler(15.0), always) is None
-    assert it.start.offer(doppler(16.0), always) is None
-    assert it.aligner.given == [(14.0, False), (15.0, True), (16.0, True)]
+    assert it.start.offer(doppler(15.0)) is None
+    assert it.start.offer(doppler(16.0)) is None
+    assert it.aligner.given == [14.0, 15.0, 16.0]
     assert it.said == ["not aligned: needs a turn"] * 2
     assert it.start.why_not() == (
         "not certified in 2 attempts, the last after 2 s: not aligned: needs a turn"
@@ -221,16 +217,10 @@ def test_what_is_missing_is_said_and_kept(made):
 
 
 def test_doppler_outside_the_imu_data_is_none(made):
-    it = made()
+    it = made(first=99.0)
     for time, taken in ((-0.1, False), (40.1, False), (0.0, True), (40.0, True)):
-        it.start.offer(doppler(time), lambda t: False)
-        assert (time in [t for t, _ in it.aligner.given]) == taken
-
-
-def test_the_attempt_is_asked_for_at_the_time_of_the_doppler(made):
-    it, asked = made(), []
-    it.start.offer(doppler(15.0), lambda t: asked.append(t) or False)
-    assert asked == [15.0]
+        it.start.offer(doppler(time))
+        assert (time in it.aligner.given) == taken
 
 
 def test_the_aligner_has_the_configured_limits():

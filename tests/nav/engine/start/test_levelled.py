@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from certnav.alignment.levelling import InitialAttitude
 from certnav.filters.error_model import ATT
 from certnav.filters.errors import AlignmentError
 from certnav.filters.rotation import rpy_from_matrix
@@ -30,11 +31,13 @@ class Levelled:
     def __init__(self, fixes, monkeypatch, **config):
         self.said = []
         self.start = LevelledStart(fixes, AlignmentConfig(**config), rigs.IMU, self.said.append)
-        self.fixes, self.tries, self.finds = fixes, 0, None
+        self.fixes, self.tries, self.finds, self.odds = fixes, 0, None, 20.0
         monkeypatch.setattr(self.start, "attitude", self._attitude)
+        module = "certnav.nav.engine.start.levelled.log_odds"
+        monkeypatch.setattr(module, lambda *_: self.odds)
 
-    def _attitude(self):
-        self.tries += 1
+    def _attitude(self, backwards=False):
+        self.tries += not backwards
         if isinstance(self.finds, Exception):
             raise self.finds
         return self.finds
@@ -64,9 +67,9 @@ def test_it_waits_for_the_first_level_speed(levelled):
     assert levelled.start.offer(2.5) is None and levelled.tries == 0
     levelled.drives(3.0, 3.01 * EAST)
     assert len(levelled.said) == 2
-    assert levelled.start.offer(3.0) is None and not levelled.start.tried
+    assert levelled.start.offer(3.0) is None
     start = levelled.start.offer(4.0)
-    assert start is not None and start.state.time == 3.0 and levelled.start.tried
+    assert start is not None and start.state.time == 3.0
 
 
 def test_the_speed_asked_for_is_the_configured_one(fixes, monkeypatch):
@@ -96,19 +99,27 @@ def test_a_failure_is_told_and_repeated_after_a_second(levelled):
     assert levelled.start.offer(7.0) is not None
 
 
-@pytest.mark.parametrize(("speed", "variance", "rest"), [
-    (0.49, 1e-4, True), (0.51, 1e-4, False), (2.9, 1.0, True), (3.1, 1.0, False),
-])  # fmt: skip
-def test_a_standstill_is_what_the_first_velocity_cannot_tell_from_one(
-    levelled, speed, variance, rest
-):
-    assert not levelled.start.began_at_rest  # nothing is known yet
-    levelled.drives(1.0, speed * DOWN, variance)
-    levelled.drives(2.0, 20.0 * NORTH)
-    assert levelled.start.began_at_rest is rest
-    levelled.finds = AlignmentError("no")
-    levelled.start.offer(3.0)
-    assert not levelled.start.began_at_rest  # once levelling was tried nobody waits for it
+def test_it_waits_until_it_is_clear_whether_nose_or_tail_goes_first(levelled):
+    """100 to 1 for the nose beforehand are not enough; 1000 to 1 are, either way."""
+    levelled.finds = InitialAttitude(
+        5.0, rigs.C_EN, np.eye(3), 0.05, np.zeros(3), 1e-5, "level+course", "levelled"
+    )
+    levelled.drives(5.0, 9.0 * NORTH)
+    levelled.odds = np.log(9.9)
+    assert levelled.start.offer(6.0) is None
+    assert levelled.said == [
+        "nose or tail first is not decided: a turn or a change of speed would tell"
+    ]
+    levelled.odds = -np.log(9.9e4)
+    assert levelled.start.offer(7.0) is None
+    levelled.odds = np.log(10.1)
+    assert levelled.start.offer(8.0).attitude.message == "levelled"
+    levelled.odds = -np.log(1.01e5)
+    assert levelled.start.offer(9.0).attitude.message == "levelled, reversing"
+    levelled.odds = -np.log(1e3)
+    assert levelled.start.at_last().attitude.message == (
+        "levelled, reversing; nose or tail first is not decided: the likelier is taken"
+    )
 
 
 def test_it_levels_with_the_mounting_and_the_sigmas_of_the_configuration(fixes, monkeypatch):

@@ -1,0 +1,85 @@
+"""Nose or tail first: turns and changes of speed tell, a straight road does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from certnav.alignment.direction import log_odds
+from certnav.alignment.levelling import VelocityTrack, level_and_course
+from certnav.filters.earth import OMEGA_IE_E, C_en_of, gravity_e, lla_to_ecef
+from certnav.filters.sensors import imu_preset
+from certnav.filters.strapdown import InertialStream
+
+SPEC = imu_preset("adis16470")
+PLACE = lla_to_ecef(*np.radians([48.0, 11.0]), 500.0)
+C_EN = C_en_of(PLACE)
+
+
+def made(speed, turn, heading_of_nose=0.0, sigma=0.05, seed=0, duration=40.0):
+    """A car on level ground with ``speed(t)`` [m/s] along its course, which turns at ``turn(t)``.
+
+    The nose lies `heading_of_nose` [rad] beside the course.
+    """
+    t = np.arange(0.0, duration, 0.01) + 0.01
+    rate = np.array([turn(x) for x in t])
+    v = np.array([speed(x) for x in t])
+    course = 0.3 + np.cumsum(rate) * 0.01
+    vel_n = np.column_stack([v * np.cos(course), v * np.sin(course), np.zeros_like(t)])
+    accel_n = np.gradient(vel_n, t, axis=0)
+    nose = course + heading_of_nose
+    force_n = accel_n - (C_EN.T @ gravity_e(PLACE))
+    c, s = np.cos(nose), np.sin(nose)
+    accel_b = np.column_stack([
+        c * force_n[:, 0] + s * force_n[:, 1], -s * force_n[:, 0] + c * force_n[:, 1], force_n[:, 2]
+    ])  # fmt: skip
+    earth_n = C_EN.T @ OMEGA_IE_E
+    gyro_b = np.column_stack([
+        c * earth_n[0] + s * earth_n[1], -s * earth_n[0] + c * earth_n[1], rate + earth_n[2]
+    ])  # fmt: skip
+    rng = np.random.default_rng(seed)
+    accel_b += rng.normal(0.0, SPEC.accel_noise_density * 10.0, accel_b.shape)
+    accel_b += np.array([0.03, -0.05, 0.02])  # a bias, or a level that is off by 5 mg
+    at = np.arange(99, t.size, 100)
+    vel_e = (vel_n[at] + rng.normal(0.0, sigma, (at.size, 3))) @ C_EN.T
+    track = VelocityTrack(t[at], vel_e, np.full(at.size, sigma), np.tile(PLACE, (at.size, 1)))
+    return InertialStream(t, gyro_b, accel_b), track
+
+
+def both(stream, track):
+    return [level_and_course(stream, track, np.eye(3), SPEC, backwards=b) for b in (False, True)]
+
+
+def odds(stream, track):
+    return log_odds(stream, track, *both(stream, track))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("beside", "sign"), [(0.0, 1.0), (np.pi, -1.0)])
+def test_a_turn_tells(seed, beside, sign):
+    found = odds(
+        *made(lambda t: 5.0, lambda t: 0.15 if 15.0 < t < 25.0 else 0.0, beside, seed=seed)
+    )
+    assert sign * found > 12.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(("beside", "sign"), [(0.0, 1.0), (np.pi, -1.0)])
+def test_a_change_of_speed_tells(seed, beside, sign):
+    found = odds(*made(lambda t: 5.0 + 3.0 * np.sin(0.5 * t), lambda t: 0.0, beside, seed=seed))
+    assert sign * found > 12.0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_straight_road_at_constant_speed_does_not(seed):
+    for beside in (0.0, np.pi):
+        assert abs(odds(*made(lambda t: 12.0, lambda t: 0.0, beside, seed=seed))) < 6.9
+
+
+def test_two_velocities_say_nothing():
+    stream, track = made(lambda t: 5.0, lambda t: 0.2, duration=12.0)
+    few = VelocityTrack(track.time[-2:], track.vel_e[-2:], track.sigma[-2:], track.pos_e[-2:])
+    ways = [
+        level_and_course(stream, track, np.eye(3), SPEC, backwards=way) for way in (False, True)
+    ]
+    assert log_odds(stream, few, *ways) == 0.0
