@@ -10,10 +10,15 @@ from ...datasets.sequence import Calibration
 from ...filters import measurements
 from ...filters.ekf import ErrorStateFilter, Outcome
 from ...filters.measurements import Measurement
+from ...filters.rotation import FloatArray
 from ..config import FilterConfig
 from ..solution import Update
 from .events import GnssEvent
 
+#: A fix that stays the same while the filter moves so far, beside four times its σ, is held [m].
+_MOVED = 1.0
+#: Coordinates this close are the same number [m].
+_SAME = 1e-6
 #: What the log says of a measurement for whose sake the covariance was enlarged.
 ENLARGED = "covariance enlarged after repeated refusal"
 
@@ -33,6 +38,26 @@ class FixUpdates:
     ) -> None:
         self.kalman, self.calibration, self.config = kalman, calibration, config
         self._satellites: set[str] = set()
+        self._first: tuple[FloatArray, FloatArray] | None = None
+        self._held_at = -np.inf
+
+    def repeated(self, event: GnssEvent) -> bool:
+        """Tell if a position repeats one from before the vehicle moved, or a velocity goes with it.
+
+        What a recording can show is found before (`datasets.fix_faults`); this is for live data.
+        """
+        if event.kind != "position":
+            return event.kind == "velocity" and event.time == self._held_at
+        here_e = self.kalman.pos_e.copy()
+        if self._first is None or np.abs(event.value_e - self._first[0]).max() > _SAME:
+            self._first = event.value_e, here_e
+            return False
+        moved = float(np.linalg.norm(here_e - self._first[1]))
+        sigma = float(np.sqrt(np.linalg.eigvalsh(event.cov_e)[-1]))
+        if moved <= max(_MOVED, 4.0 * sigma):
+            return False
+        self._held_at = event.time
+        return True
 
     def overlap(self, satellites: tuple[str, ...]) -> float:
         """Return the share of satellites that a position has in common with the last one, 0 … 1."""

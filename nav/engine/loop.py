@@ -13,6 +13,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from ...datasets.fix_faults import HELD
 from ...datasets.sequence import Calibration
 from ...filters.ekf import ErrorStateFilter, Outcome
 from ...filters.errors import DataError
@@ -172,6 +173,8 @@ class FilterLoop:
     def _apply(self, event: GnssEvent) -> Update:
         doppler = event.observations is not None
         checked = (doppler or event.shared) and len(event.satellites) >= _CHECKED
+        if not doppler and self._fixes.repeated(event):
+            return Update(event.time, event.kind, event.satellites, reason=HELD)
         patience = self._patience["velocity" if doppler else event.kind]
         insist = patience.over(event.time) or (checked and patience.over(event.time, _EVIDENT))
         if doppler:

@@ -1,5 +1,7 @@
 """Positions and velocities: taken, weighted down, refused, or forced upon the filter."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -187,3 +189,27 @@ def test_what_the_log_says(kalman):
     assert (update.time, update.kind, update.satellites) == (1.0, "nhc", ("A",))
     assert (update.nis, update.accepted, update.reason) == (accepted.nis, True, "so")
     assert update.whitened == tuple(accepted.whitened)
+
+
+def test_live_a_fix_that_stays_while_the_vehicle_moves_is_not_used():
+    """The first of them is; a fix that repeats where the filter stands is no repetition."""
+    kalman = rigs.filter_at_rest()
+    updates = FixUpdates(kalman, rigs.calibration(), FilterConfig())
+    fix = GnssEvent(0.0, "position", kalman.pos_e.copy(), 0.01 * np.eye(3))
+    assert not updates.repeated(fix)
+    assert not updates.repeated(dataclasses.replace(fix, time=1.0))
+    kalman.pos_e[:] += [0.9, 0.0, 0.0]
+    assert not updates.repeated(dataclasses.replace(fix, time=2.0))
+    kalman.pos_e[:] += [0.2, 0.0, 0.0]
+    held = dataclasses.replace(fix, time=3.0)
+    assert updates.repeated(held)
+    velocity = GnssEvent(3.0, "velocity", np.zeros(3), np.eye(3))
+    assert updates.repeated(velocity)
+    assert not updates.repeated(dataclasses.replace(velocity, time=3.5))
+    fresh = dataclasses.replace(fix, time=4.0, value_e=kalman.pos_e.copy())
+    assert not updates.repeated(fresh)
+    vague = FixUpdates(kalman, rigs.calibration(), FilterConfig())
+    wide = dataclasses.replace(fix, cov_e=25.0 * np.eye(3))
+    vague.repeated(wide)
+    kalman.pos_e[:] += [15.0, 0.0, 0.0]
+    assert not vague.repeated(wide)  # 5 m, 1σ: 15 m say nothing yet
