@@ -114,7 +114,7 @@ class FilterConfig:
     imu: str = ""
     gate_probability: float = 1e-4
     gate_width: float = 2.0
-    patience_s: float = 3.0
+    patience_s: float = 10.0
     smooth: bool = False
     output_rate_hz: float = 10.0
 

@@ -175,14 +175,18 @@ class FilterLoop:
         checked = (doppler or event.shared) and len(event.satellites) >= _CHECKED
         if not doppler and self._fixes.repeated(event):
             return Update(event.time, event.kind, event.satellites, reason=HELD)
-        patience = self._patience["velocity" if doppler else event.kind]
-        insist = patience.over(event.time) or (checked and patience.over(event.time, _EVIDENT))
+        family = "velocity" if doppler else event.kind
+        patience = self._patience[family]
+        # Refused while the other is taken, it is the odd one out; refused both, they say the same.
+        other = self._patience["position" if family == "velocity" else "velocity"]
+        evident = checked or other.over(event.time, _EVIDENT)
+        insist = patience.over(event.time) or (evident and patience.over(event.time, _EVIDENT))
+        if insist:
+            self._sanity.doubted(event.time, "velocities" if doppler else f"{event.kind} fixes")
         if doppler:
             update = self._doppler.offer(event, insist, checked)
         else:
             update = self._fixes.offer(event, insist)
-        if insist:
-            self._sanity.doubted(event.time, "velocities" if doppler else f"{event.kind} fixes")
         if update.accepted:
             patience.accepted()
         elif insist:
