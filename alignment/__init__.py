@@ -11,6 +11,7 @@
     row_selection,   the same where part of the rows is wrong
     robust
     levelling        the conventional start: levelling and course
+    direction        nose or tail first: which of two headings fits the accelerations
     status           what is proved of a rotation, in one word
 
     solver/          the certified minimum in microseconds, and the bound around it
