@@ -262,6 +262,20 @@ def test_the_attempts_of_a_constraint_are_two_seconds_apart():
     assert grown.tolist() == [3.5, 5.5, 7.5]
 
 
+def test_what_was_forced_upon_it_begins_its_patience_anew():
+    loop = sideways(1.5, zupt=False, zaru=False)
+    (forced,) = [u.time for u in loop.updates if u.reason == ENLARGED]
+    kalman = rigs.filter_at_rest(12.0, sigma=(1.0, 0.01, 1e-4))
+    kalman.vel_e += 1.5 * EAST
+    again = loop_of(kalman, vehicle={"interval_s": 0.5, "nhc": "on", "zupt": False, "zaru": False})
+    again.constrain(forced + 0.01)
+    assert again.updates[-1].reason == ENLARGED
+    kalman.vel_e += 300.0 * EAST
+    before = kalman.P[POS, POS][0, 0]
+    again.constrain(forced + 0.51)
+    assert not again.updates[-1].accepted and kalman.P[POS, POS][0, 0] < 2.0 * before
+
+
 def test_a_filter_that_is_contradicted_for_two_seconds_tells_no_standstill():
     """The rest of the IMU is believed until velocities have refused that long."""
     kalman = rigs.filter_at_rest(8.0)
