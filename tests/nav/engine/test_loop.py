@@ -189,7 +189,7 @@ def test_a_shift_that_stays_is_believed_in_the_end():
     loop = loop_of(rigs.filter_at_rest(9.0, sigma=(1.0, 1e-3, 1e-5)))
     reasons = {}
     for t in np.arange(1.0, 9.0):
-        reasons[t] = loop.offer(position(t, 40.0)).reason
+        reasons[t] = loop.offer(position(t, 40.0 + 0.01 * t)).reason
     refused = "innovation test (NIS > 21.1)"
     assert [reasons[t] for t in (3.0, 4.0, 5.0)] == [refused] * 3
     assert [reasons[t] for t in (6.0, 7.0)] == [ENLARGED, ""]
