@@ -189,7 +189,7 @@ def test_a_shift_that_stays_is_believed_in_the_end():
     loop = loop_of(rigs.filter_at_rest(9.0, sigma=(1.0, 1e-3, 1e-5)))
     reasons = {}
     for t in np.arange(1.0, 9.0):
-        reasons[t] = loop.offer(position(t, 40.0)).reason
+        reasons[t] = loop.offer(position(t, 40.0 + 0.01 * t)).reason
     refused = "innovation test (NIS > 21.1)"
     assert [reasons[t] for t in (3.0, 4.0, 5.0)] == [refused] * 3
     assert [reasons[t] for t in (6.0, 7.0)] == [ENLARGED, ""]
@@ -255,6 +255,20 @@ def test_the_attempts_of_a_constraint_are_two_seconds_apart():
         P.append(kalman.P[POS, POS][0, 0])
     grown = 0.5 * (2 + np.flatnonzero(np.array(P[1:]) > 5.0 * np.array(P[:-1])))
     assert grown.tolist() == [3.5, 5.5, 7.5]
+
+
+def test_what_was_forced_upon_it_begins_its_patience_anew():
+    loop = sideways(1.5, zupt=False, zaru=False)
+    (forced,) = [u.time for u in loop.updates if u.reason == ENLARGED]
+    kalman = rigs.filter_at_rest(12.0, sigma=(1.0, 0.01, 1e-4))
+    kalman.vel_e += 1.5 * EAST
+    again = loop_of(kalman, vehicle={"interval_s": 0.5, "nhc": "on", "zupt": False, "zaru": False})
+    again.constrain(forced + 0.01)
+    assert again.updates[-1].reason == ENLARGED
+    kalman.vel_e += 300.0 * EAST
+    before = kalman.P[POS, POS][0, 0]
+    again.constrain(forced + 0.51)
+    assert not again.updates[-1].accepted and kalman.P[POS, POS][0, 0] < 2.0 * before
 
 
 def test_a_filter_that_is_contradicted_for_two_seconds_tells_no_standstill():

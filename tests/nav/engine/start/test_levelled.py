@@ -1,14 +1,12 @@
 """When a levelled start is due: at once after a standstill, in motion twelve seconds later."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from certnav.alignment.levelling import InitialAttitude
 from certnav.filters.error_model import ATT
 from certnav.filters.errors import AlignmentError
-from certnav.filters.rotation import rpy_from_matrix
+from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix
 from certnav.nav.config import AlignmentConfig, FilterConfig
 from certnav.nav.engine.events import GnssEvent
 from certnav.nav.engine.start.fixes import Fixes
@@ -31,13 +29,16 @@ class Levelled:
     def __init__(self, fixes, monkeypatch, **config):
         self.said = []
         self.start = LevelledStart(fixes, AlignmentConfig(**config), rigs.IMU, self.said.append)
-        self.fixes, self.tries, self.finds, self.odds = fixes, 0, None, 20.0
+        self.fixes, self.tries, self.finds, self.odds, self.after = fixes, 0, None, 99.0, []
+        self.backwards = None
         monkeypatch.setattr(self.start, "attitude", self._attitude)
-        module = "certnav.nav.engine.start.levelled.log_odds"
-        monkeypatch.setattr(module, lambda *_: self.odds)
+        monkeypatch.setattr("certnav.nav.engine.start.levelled.log_odds", lambda *given: self.odds)
 
     def _attitude(self, backwards=False):
-        self.tries += not backwards
+        self.after.append(self.start._after)
+        if backwards:
+            return self.backwards or self.finds
+        self.tries += 1
         if isinstance(self.finds, Exception):
             raise self.finds
         return self.finds
@@ -53,9 +54,19 @@ def levelled(fixes, monkeypatch):
     return Levelled(fixes, monkeypatch)
 
 
-def attitude(time, rested):
+def attitude(time, rested, C_eb=rigs.C_EN, message="nose"):
     sigma = 1e-5 if rested else None
-    return SimpleNamespace(time=time, C_eb=rigs.C_EN, gyro_bias=np.zeros(3), sigma_gyro_bias=sigma)
+    return InitialAttitude(
+        time, C_eb, np.eye(3), 0.1, np.zeros(3), sigma, "level+course", message
+    )  # fmt: skip
+
+
+def nose(time):
+    return attitude(time, rested=True)
+
+
+def turned(time):
+    return attitude(time, True, rigs.C_EN @ matrix_from_rpy([0.0, 0.0, np.pi]), "tail")
 
 
 def test_it_waits_for_the_first_level_speed(levelled):
@@ -67,7 +78,7 @@ def test_it_waits_for_the_first_level_speed(levelled):
     assert levelled.start.offer(2.5) is None and levelled.tries == 0
     levelled.drives(3.0, 3.01 * EAST)
     assert len(levelled.said) == 2
-    assert levelled.start.offer(3.0) is None
+    assert levelled.start.offer(3.0) is None and levelled.tries == 0
     start = levelled.start.offer(4.0)
     assert start is not None and start.state.time == 3.0
 
@@ -99,27 +110,56 @@ def test_a_failure_is_told_and_repeated_after_a_second(levelled):
     assert levelled.start.offer(7.0) is not None
 
 
-def test_it_waits_until_it_is_clear_whether_nose_or_tail_goes_first(levelled):
-    """100 to 1 for the nose beforehand are not enough; 1000 to 1 are, either way."""
-    levelled.finds = InitialAttitude(
-        5.0, rigs.C_EN, np.eye(3), 0.05, np.zeros(3), 1e-5, "level+course", "levelled"
-    )
+@pytest.mark.parametrize(("odds", "sure"), [(2.4, True), (2.2, False)])
+def test_nose_first_must_be_a_thousand_to_one(levelled, odds, sure):
+    """A hundred to one before anything is measured: ln 1000 − ln 100 = 2.303 are wanted."""
+    levelled.finds, levelled.odds = attitude(5.0, rested=True), odds
     levelled.drives(5.0, 9.0 * NORTH)
-    levelled.odds = np.log(9.9)
-    assert levelled.start.offer(6.0) is None
-    assert levelled.said == [
-        "nose or tail first is not decided: a turn or a change of speed would tell"
-    ]
-    levelled.odds = -np.log(9.9e4)
-    assert levelled.start.offer(7.0) is None
-    levelled.odds = np.log(10.1)
-    assert levelled.start.offer(8.0).attitude.message == "levelled"
-    levelled.odds = -np.log(1.01e5)
-    assert levelled.start.offer(9.0).attitude.message == "levelled, reversing"
-    levelled.odds = -np.log(1e3)
-    assert levelled.start.at_last().attitude.message == (
-        "levelled, reversing; nose or tail first is not decided: the likelier is taken"
-    )
+    assert (levelled.start.offer(6.0) is not None) == sure
+    told = "nose or tail first is not decided: a turn or a change of speed would tell"
+    assert levelled.said == ([] if sure else [told])
+
+
+@pytest.mark.parametrize(("odds", "sure"), [(-11.6, True), (-11.4, False), (-4.7, False)])
+def test_tail_first_must_be_so_in_spite_of_that(levelled, odds, sure):
+    """− ln 1000 − ln 100 = −11.513."""
+    levelled.finds, levelled.odds = attitude(5.0, rested=True), odds
+    levelled.backwards = turned(5.0)
+    levelled.drives(5.0, 9.0 * NORTH)
+    start = levelled.start.offer(6.0)
+    assert (start is not None) == sure
+    if sure:
+        np.testing.assert_array_equal(start.state.C_eb, levelled.backwards.C_eb)
+        assert start.attitude.message == "tail, reversing"
+    else:
+        assert levelled.start.offer(6.9) is None and levelled.tries == 1  # again after a second
+        assert levelled.start.offer(7.0) is None and levelled.tries == 2
+
+
+def test_what_the_gyros_carry_no_further_is_tried_anew(levelled):
+    """25 s after its instant nobody will know any more which way round that was."""
+    levelled.finds, levelled.odds = attitude(5.0, rested=True), 0.0
+    levelled.drives(5.0, 9.0 * NORTH)
+    for now in (29.0, 30.0, 31.1, 32.2):
+        levelled.start.offer(now)
+    after = levelled.after[::2]
+    assert after[:3] == [-np.inf] * 3 and after[3:] == pytest.approx([30.1])
+
+
+def test_at_the_end_the_likelier_is_taken_and_the_doubt_told(levelled):
+    levelled.finds, levelled.backwards = nose(5.0), turned(5.0)
+    levelled.drives(5.0, 9.0 * NORTH)
+    for odds, message in (
+        (99.0, "nose"), (-99.0, "tail, reversing"),
+        (2.2, "nose; nose or tail first is not decided: the likelier is taken"),
+        (-4.7, "tail, reversing; nose or tail first is not decided: the likelier is taken"),
+        (-4.5, "nose; nose or tail first is not decided: the likelier is taken"),
+    ):  # fmt: skip
+        levelled.odds = odds
+        assert levelled.start.at_last().attitude.message == message
+    levelled.finds = AlignmentError("too slow")
+    with pytest.raises(AlignmentError, match="too slow"):
+        levelled.start.at_last()
 
 
 def test_it_levels_with_the_mounting_and_the_sigmas_of_the_configuration(fixes, monkeypatch):
