@@ -32,6 +32,7 @@ from ..physics import check_gravity, check_gyro, course_of
 from ..sequence import Calibration, Sequence
 from ..series import ImuData, Odometer, Reference
 from ..text.tables import check_head, sampling_note
+from .receiver_logs import in_order
 
 _IMU, _GNSS, _POSE = "processed_log/IMU", "processed_log/GNSS", "global_pose"
 _SATELLITES = "derived/gps_ublox_with_satpv.csv"
@@ -77,9 +78,10 @@ def read_comma2k19(
     """
     folder = Path(path)
     offset, notes = _boot_to_gps(folder)
+    gyro = _array(folder, f"{_IMU}/gyro/value", 3)
     imu = ImuData(
-        time=_array(folder, f"{_IMU}/gyro/t") + offset,
-        gyro_b=_array(folder, f"{_IMU}/gyro/value", 3),
+        time=_like(folder, f"{_IMU}/gyro/t", gyro[:, 0]) + offset,
+        gyro_b=gyro,
         accel_b=_accelerometer(folder),
     )
     notes.append(sampling_note(imu.time, "IMU"))
@@ -199,14 +201,22 @@ def _reference(folder: Path, offset: float) -> Reference:
             f"expected {len(pos_e)} unit quaternions, as many as there are positions",
             file=folder / _POSE / "frame_orientations",
         )
+    velocity = _array(folder, f"{_POSE}/frame_velocities", 3)
+    if len(velocity) != len(pos_e):
+        raise DataError(
+            f"expected {len(pos_e)} velocities, as many as there are positions, found "
+            f"{len(velocity)}",
+            file=folder / _POSE / "frame_velocities",
+            remedy="the array is cut short or of another segment: copy it again",
+        )
     from scipy.spatial.transform import Rotation
 
     C_ec = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
     C_nc = np.swapaxes(C_en_of(pos_e), 1, 2) @ C_ec
     return Reference(
-        time=_array(folder, f"{_POSE}/frame_times") + offset,
+        time=_like(folder, f"{_POSE}/frame_times", pos_e[:, 0]) + offset,
         pos_e=pos_e,
-        vel_e=_array(folder, f"{_POSE}/frame_velocities", 3),
+        vel_e=velocity,
         rpy=rpy_from_matrix(C_nc),
         lever_b=np.zeros(3),
         point="camera",
@@ -226,6 +236,9 @@ def _observations(folder: Path) -> tuple[GnssObservations | None, str]:
             file=folder / _GNSS / "raw_gnss_ublox/value",
         )
     raw = raw[np.lexsort((raw[:, 0], raw[:, 1] * gpstime.SECONDS_PER_WEEK + raw[:, 2]))]
+    other = len(raw)
+    raw = raw[_is_gps_or_glonass(raw[:, 0])]
+    other -= len(raw)
     prn = raw[:, 0].astype(int)
     gps = prn <= 32
     channel = np.where(np.isfinite(raw[:, 3]), raw[:, 3], 0.0)
@@ -250,18 +263,22 @@ def _observations(folder: Path) -> tuple[GnssObservations | None, str]:
         azimuth=nothing,
         rejected=np.where(known, "", "no ephemeris"),
     )
+    more = f" ({other} of other satellites left out)" if other else ""
     return observations, (
-        f"raw GNSS: {int(gps.sum())} GPS and {int((~gps).sum())} GLONASS rows, satellite states "
-        f"for {int(known.sum())} (orbits from broadcasts four days older: fit for Doppler, not "
-        "for positioning, so no navigation file is offered)"
+        f"raw GNSS: {int(gps.sum())} GPS and {int((~gps).sum())} GLONASS rows{more}, satellite "
+        f"states for {int(known.sum())} (orbits from broadcasts four days older: fit for Doppler, "
+        "not for positioning, so no navigation file is offered)"
     )
+
+
+def _is_gps_or_glonass(number: FloatArray) -> NDArray[np.bool_]:
+    """Return which NMEA numbers are 1…32 or 65…96; others are SBAS, or GLONASS not yet named."""
+    return ((number >= 1) & (number <= 32)) | ((number >= 65) & (number <= 96))
 
 
 def _satellite_names(prn: NDArray[np.int64]) -> NDArray[np.str_]:
     """Return 'G05' for 1…32 and 'R08' for 65…96 (NMEA numbers)."""
-    if ((prn < 1) | ((prn > 32) & (prn < 65)) | (prn > 96)).any():
-        raise DataError("satellite numbers: expected 1…32 (GPS) or 65…96 (GLONASS)")
-    return np.array([f"G{k:02d}" if k <= 32 else f"R{k - 64:02d}" for k in prn])
+    return np.array([f"G{k:02d}" if k <= 32 else f"R{k - 64:02d}" for k in prn], dtype="<U3")
 
 
 def _satellite_states(file: Path, raw: FloatArray) -> FloatArray:
@@ -300,6 +317,7 @@ def _fixes(folder: Path, sigma: tuple[float, float]) -> GnssFixes | None:
     if not (folder / _GNSS / "live_gnss_ublox").is_dir():
         return None
     live = _array(folder, f"{_GNSS}/live_gnss_ublox/value", 6)
+    live = live[in_order(live[:, 3])]  # a fix may stand there twice
     lat, lon = np.radians(live[:, :2]).T
     C_en = C_en_at(lat, lon)
     variance = np.array([sigma[0], sigma[0], sigma[1]]) ** 2
@@ -318,7 +336,7 @@ def _fixes(folder: Path, sigma: tuple[float, float]) -> GnssFixes | None:
 def _odometer(folder: Path, offset: float) -> Odometer | None:
     if not (folder / "processed_log/CAN/speed").is_dir():
         return None
-    return Odometer(
-        time=_array(folder, "processed_log/CAN/speed/t") + offset,
-        speed=_array(folder, "processed_log/CAN/speed/value", 1)[:, 0],
-    )
+    speed = _array(folder, "processed_log/CAN/speed/value", 1)[:, 0]
+    time = _like(folder, "processed_log/CAN/speed/t", speed)
+    kept = in_order(time)  # messages of one burst share a stamp
+    return Odometer(time=time[kept] + offset, speed=speed[kept])

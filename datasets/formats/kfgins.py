@@ -89,9 +89,10 @@ def kind_of(path: Path) -> str:
         return ""
     interval = float(np.median(np.diff(value[:, 0])))
     deviations = bool((value[:, 4:7] > 0.0).all())
-    if width in (7, 13) and interval >= 0.05 and _is_place(value[:, 1:4]) and deviations:
+    if width in (7, 13) and interval > 0.0 and _is_place(value[:, 1:4]) and deviations:
         return "gnss"
-    small = width == 7 and 0.0 < interval < 0.05 and np.abs(value[:, 1:]).max() < 2.0
+    # Increments over the longest interval an IMU is of use with.
+    small = width == 7 and 0.0 < interval < 0.25 and np.abs(value[:, 1:]).max() < 2.0
     return "imu" if small else ""
 
 

@@ -10,20 +10,24 @@ what is not documented: roll is right side down, pitch nose up, heading clockwis
 and climb follow them), heading equals the course to 0.05° because the receiver constrains it so;
 its position follows the antenna, its velocity a point about 1–1.5 m behind it (no side slip).
 Until the receiver has initialised, it prints roll = 0 exactly and repeats its GNSS at 30 Hz; those
-rows are no reference and are left out.
+rows are no reference and are left out. The files of the reference have stamps of their own, and
+are joined by them. Where ``reference_mount`` gives the mounting, the sensor may be turned in any
+way: it is turned before it is judged.
 """
 
 from __future__ import annotations
 
+import itertools
 import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...filters.earth import C_en_at, lla_to_ecef
 from ...filters.errors import DataError
-from ...filters.rotation import FloatArray, matrix_from_rpy
+from ...filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix, wrap_angle
 from ...filters.sensors import imu_preset
 from ..observations import GnssFixes
 from ..physics import check_gravity, check_gyro, course_of
@@ -42,6 +46,8 @@ _ANGLES = ("roll_deg", "pitch_deg", "yaw_deg")
 _LEVER_SIGMA = 0.5
 #: Moving, and yet the same position printed twice: a held value [m/s].
 _MOVING = 0.5
+#: Attitudes this far apart still give that of a position between them [s].
+_JOINED = 0.25
 
 
 def is_oakville(folder: Path) -> bool:
@@ -73,18 +79,18 @@ def read_oakville(path: str | Path, *, preset: str = "consumer") -> Sequence:
         accel_b=_columns(table, [f"a{k}_mps2" for k in "xyz"]) @ C_bs.T,
     )
     fixes = _fixes(_table(folder, "gnss"))
+    C_bv, mount_note = _mount(folder)
+    # The IMU may be turned in any way: gravity and yaw rate are the vehicle's, not the sensor's z.
+    turned = ImuData(imu.time, imu.gyro_b @ C_bv, imu.accel_b @ C_bv)
+    course = course_of(fixes.pos_e, fixes.vel_e)
     notes = [
         f"Oakville drive: time relative, no date; {sampling_note(imu.time, 'IMU')}",
         sampling_note(fixes.time, "GNSS"),
-        check_gravity(imu.accel_b, file=folder, declared="m/s², FLU"),
+        check_gravity(turned.accel_b, file=folder, declared="m/s², FLU turned by mount"),
         "lever arm IMU→antenna not documented: zero, 0.5 m 1σ per axis",
+        mount_note,
+        check_gyro(turned, fixes.time, course, file=folder, declared="rad/s, FLU turned by mount"),
     ]
-    C_bv, mount_note = _mount(folder)
-    notes.append(mount_note)
-    # The IMU may be turned about the vertical: yaw rate is the vehicle's, not the sensor's z.
-    turned = ImuData(imu.time, imu.gyro_b @ C_bv, imu.accel_b @ C_bv)
-    course = course_of(fixes.pos_e, fixes.vel_e)
-    notes.append(check_gyro(turned, fixes.time, course, file=folder, declared="rad/s, FLU"))
     reference, more = _reference(folder)
     return Sequence(
         name=folder.resolve().name,
@@ -123,6 +129,15 @@ def _table(folder: Path, name: str) -> pd.DataFrame:
         raise DataError(f"expected a column t_s, found {', '.join(table)}", file=file, line=1)
     if len(table) < 2:
         raise DataError(f"expected at least 2 rows, found {len(table)}", file=file)
+    step = np.diff(table["t_s"])
+    if (step <= 0.0).any():
+        row = int(np.argmax(step <= 0.0)) + 1
+        raise DataError(
+            f"t_s: expected increasing time, found {table['t_s'][row]:g}",
+            file=file,
+            line=row + 2,
+            remedy="sort the file or remove the repeated rows",
+        )
     needed = [c for c in table if c != "heading_rad"]  # NaN where the receiver has no heading
     bad = ~(np.abs(table[needed].to_numpy()) <= LARGEST)
     if bad.any():
@@ -178,16 +193,36 @@ def _mount(folder: Path) -> tuple[FloatArray, str]:
     table = _table(folder, "reference_mount")
     angles = np.radians(_columns(table, _ANGLES))
     angles = angles[len(angles) // 2 :]
+    axes = _upright(angles)
+    if axes is not None:  # angles about these axes: its own are undefined where x is vertical
+        angles = np.array([rpy_from_matrix(matrix_from_rpy(a) @ axes.T) for a in angles])
     # about the circular mean, so that a median across 0/360° means what it says
     centre = np.angle(np.exp(1j * angles).mean(axis=0))
     rpy = centre + np.median(np.angle(np.exp(1j * (angles - centre))), axis=0)
     flip = AXES["FLU"]
-    C_vb = flip @ matrix_from_rpy(rpy) @ flip
-    roll, pitch, yaw = np.degrees(rpy)
+    C_vs = matrix_from_rpy(rpy) @ (np.eye(3) if axes is None else axes)
+    C_vb = flip @ C_vs @ flip
+    roll, pitch, yaw = np.degrees(rpy if axes is None else rpy_from_matrix(C_vs))
     return C_vb.T, (
         f"mounting from the receiver's own estimate (median of the second half): roll {roll:.2f}°, "
         f"pitch {pitch:.2f}°, yaw {yaw:.2f}°, forward-left-up"
     )
+
+
+def _upright(angles: FloatArray) -> FloatArray | None:
+    """Return the signed permutation that turns the sensor's axes upright, None if they are.
+
+    It is the nearest to the mean of the mounting's rotations, sensor to vehicle.
+    """
+    mean = np.mean([matrix_from_rpy(a) for a in angles], axis=0)
+    if mean[2, 2] > np.cos(np.pi / 4):
+        return None
+    signs = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
+    turns = np.array(
+        [np.eye(3)[list(order)] * s for order in itertools.permutations(range(3)) for s in signs]
+    )
+    turns = turns[np.linalg.det(turns) > 0.0]
+    return turns[np.argmax(np.einsum("kij,ij->k", turns, mean))]
 
 
 def _reference(folder: Path) -> tuple[Reference | None, list[str]]:
@@ -195,14 +230,13 @@ def _reference(folder: Path) -> tuple[Reference | None, list[str]]:
     if any(_find(folder, f"reference_{n}") is None for n in ("position", "attitude")):
         return None, ["no reference"]
     position, attitude = (_table(folder, f"reference_{n}") for n in ("position", "attitude"))
+    rpy, flat, known = _attitude_at(position["t_s"].to_numpy(), attitude)
+    if known.sum() < 2:
+        return None, ["reference left out: its positions and attitudes have no time in common"]
+    position, rpy = position[known], rpy[known]
     time = position["t_s"].to_numpy()
-    if not np.array_equal(time, attitude["t_s"].to_numpy()):
-        raise DataError(
-            "reference_position and reference_attitude have different times", file=folder
-        )
-    rpy = np.radians(_columns(attitude, _ANGLES))
-    flat = np.flatnonzero(rpy[:, 0] == 0.0)
-    first = int(flat[-1]) + 1 if flat.size else 0
+    last = np.flatnonzero(flat[known])
+    first = int(last[-1]) + 1 if last.size else 0
     lla = _lla(position)
     vel_n = _columns(position, _VELOCITY)
     moving = np.hypot(vel_n[:, 0], vel_n[:, 1]) > _MOVING
@@ -210,6 +244,7 @@ def _reference(folder: Path) -> tuple[Reference | None, list[str]]:
     keep = (np.arange(time.size) >= first) & ~held
     if keep.sum() < 2:
         return None, ["reference left out: the receiver never initialised its fusion"]
+    apart = "" if known.all() else f"; {int((~known).sum())} positions without attitude left out"
     lla, vel_n = lla[keep], vel_n[keep]
     reference = Reference(
         time=time[keep],
@@ -224,5 +259,30 @@ def _reference(folder: Path) -> tuple[Reference | None, list[str]]:
     return reference, [
         f"reference: the receiver's own fused solution (not independent), antenna assumed, from "
         f"{time[first]:.1f} s when it initialised; {first} rows before that and "
-        f"{int((held[first:]).sum())} held rows left out"
+        f"{int((held[first:]).sum())} held rows left out{apart}"
     ]
+
+
+def _attitude_at(
+    time: FloatArray, attitude: pd.DataFrame
+) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the attitude [rad] at other times: rows are joined by time, not by number.
+
+    Returns
+    -------
+    rpy : ndarray, shape (n, 3)
+    flat : ndarray of bool, shape (n,)
+        Roll is exactly zero there, or on one side: the receiver has not initialised.
+    known : ndarray of bool, shape (n,)
+        There are attitudes near enough on both sides.
+    """
+    at, rpy = attitude["t_s"].to_numpy(), np.radians(_columns(attitude, _ANGLES))
+    after = np.clip(np.searchsorted(at, time), 0, at.size - 1)
+    before = np.where(at[after] == time, after, np.maximum(after - 1, 0))
+    known = (at[before] <= time) & (time <= at[after]) & (at[after] - at[before] <= _JOINED)
+    share = np.where(
+        after > before, (time - at[before]) / np.maximum(at[after] - at[before], 1e-9), 0
+    )
+    change = wrap_angle(rpy[after] - rpy[before])
+    flat = (rpy[before, 0] == 0.0) | (rpy[after, 0] == 0.0)
+    return rpy[before] + share[:, None] * change, flat, known

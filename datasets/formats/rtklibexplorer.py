@@ -168,7 +168,8 @@ def _centred_velocity(fixes: GnssFixes) -> GnssFixes:
     vel_e = np.full_like(fixes.vel_e, np.nan)
     vel_e[:-1] = 0.5 * (fixes.vel_e[:-1] + fixes.vel_e[1:])
     # Only where the neighbour is the next epoch, not the one after a gap.
-    vel_e[:-1][np.diff(fixes.time) > 0.375] = np.nan
+    step = np.diff(fixes.time)
+    vel_e[:-1][step > 1.5 * np.median(step)] = np.nan
     return dataclasses.replace(fixes, vel_e=vel_e)
 
 

@@ -16,6 +16,9 @@ from .findings import Finding
 #: Pseudoranges of GNSS satellites, receiver clock included [m]: 17 ms … 600 ms of light.
 _RANGE = (1.5e7, 1.0e8)
 _MIN_PAIRS = 20
+#: Satellites a velocity takes; Doppler of fewer for so long [s], or in such a share of the epochs,
+#: although there are ranges of twice as many, is missing.
+_VELOCITY, _MISSING, _MISSING_SHARE = 4, 5.0, 0.05
 #: Carried positions this far from the pseudoranges are another place [m].
 _ELSEWHERE = 1000.0
 
@@ -112,6 +115,11 @@ def doppler(observations: GnssObservations, tracks: Tracks) -> list[Finding]:
     evidence = f"range rate / change of pseudorange = {slope:.3g} ± {sigma:.1g}"
     if abs(slope - 1.0) > max(0.1, 5.0 * sigma):
         return [_doppler_fault(slope, evidence, observations, numbers)]
+    part = _without_doppler(observations, epoch, count, numbers)
+    if part:
+        found = f"{there}; {evidence}; {part}"
+        remedy = "convert again with Doppler throughout; until then, no velocity from it there"
+        return [Finding("doubtful", "Doppler", found, remedy, numbers)]
     states = present & np.isfinite(observations.sat_vel_e).all(1)
     if not states.any():
         return [
@@ -125,6 +133,31 @@ def doppler(observations: GnssObservations, tracks: Tracks) -> list[Finding]:
         f"{there}; {evidence}; six or more agree with each other in {len(tracks.doppler)} epochs"
     )
     return [Finding("note", "Doppler", found, "", numbers)]
+
+
+def _without_doppler(
+    observations: GnssObservations,
+    epoch: np.ndarray,
+    count: np.ndarray,
+    numbers: dict[str, float],
+) -> str:
+    """Return in which part of the time Doppler is missing though ranges are there, or ''."""
+    ranges = np.bincount(epoch[np.isfinite(observations.pseudorange)], minlength=count.size)
+    time = np.unique(observations.time)
+    bare = (count < _VELOCITY) & (ranges >= 2 * np.maximum(count, 2))
+    numbers["epochs_without_doppler"] = float(bare.sum())
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], bare, [False]]).astype(int)))
+    stretches = [(time[a], time[b - 1]) for a, b in edges.reshape(-1, 2)]
+    if not stretches:
+        return ""
+    first, last = max(stretches, key=lambda s: s[1] - s[0])
+    if last - first < _MISSING and bare.mean() < _MISSING_SHARE:
+        return ""
+    begin, end = first - time[0], last - time[0]
+    return (
+        f"missing in {100 * bare.mean():.0f} % of the epochs that have ranges, longest "
+        f"{begin:.1f}…{end:.1f} s after the first"
+    )
 
 
 def _doppler_fault(

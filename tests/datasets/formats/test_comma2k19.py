@@ -171,3 +171,57 @@ def test_clocks_that_do_not_run_together_are_refused(tmp_path, data_dir):
 def test_recognition(tmp_path, data_dir):
     assert is_comma2k19(data_dir / "comma2k19-example1")
     assert not is_comma2k19(tmp_path)
+
+
+def neighbour(data_dir, folder, edits):
+    """Copy the segment with some of its arrays changed."""
+    shutil.copytree(data_dir / "comma2k19-example1", folder)
+    for path in (folder, *folder.rglob("*")):
+        path.chmod(0o755 if path.is_dir() else 0o644)
+    for name, edit in edits.items():
+        value = edit(np.load(folder / name))
+        with (folder / name).open("wb") as stream:
+            np.save(stream, value)
+    return folder
+
+
+def test_satellites_of_other_systems_are_left_out_and_counted(data_dir, tmp_path, segment):
+    """SBAS, Galileo, and GLONASS not yet named, in a neighbour's log."""
+
+    def others(raw):
+        raw = raw.copy()
+        raw[[3, 8, 20], 0] = [46.0, 211.0, 255.0]
+        return raw
+
+    edits = {"processed_log/GNSS/raw_gnss_ublox/value": others}
+    found = read_comma2k19(neighbour(data_dir, tmp_path / "d", edits))
+    assert len(found.observations) == len(segment.observations) - 3
+    assert any("rows (3 of other satellites left out)" in note for note in found.notes)
+
+
+def test_stamps_that_repeat_on_the_bus_and_among_live_fixes(data_dir, tmp_path, segment):
+    def twice(value):
+        return np.concatenate([value[:10], value[9:]])
+
+    edits = dict.fromkeys(
+        ("processed_log/CAN/speed/t", "processed_log/CAN/speed/value",
+         "processed_log/GNSS/live_gnss_ublox/value"), twice,
+    )  # fmt: skip
+    found = read_comma2k19(neighbour(data_dir, tmp_path / "d", edits))
+    np.testing.assert_array_equal(found.odometer.time, segment.odometer.time)
+    np.testing.assert_array_equal(found.fixes.time, segment.fixes.time)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("global_pose/frame_velocities", "frame_velocities: expected 1200 velocities"),
+        ("global_pose/frame_positions", "frame_orientations: expected 1195 unit quaternions"),
+        ("processed_log/IMU/gyro/value", "gyro/t: expected"),
+        ("processed_log/CAN/speed/value", "speed/t: expected"),
+    ],
+)
+def test_arrays_cut_short_are_named(data_dir, tmp_path, name, message):
+    folder = neighbour(data_dir, tmp_path / "d", {name: lambda value: value[:-5]})
+    with pytest.raises(DataError, match=message):
+        read_comma2k19(folder)

@@ -174,3 +174,15 @@ def test_what_this_program_writes_is_read_back(tmp_path):
     np.testing.assert_allclose(found.vel_e, trajectory.vel_e, atol=1e-4)
     difference = (found.rpy - angles + np.pi) % (2.0 * np.pi) - np.pi
     np.testing.assert_allclose(difference, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("rate", [4, 10, 20, 50, 200])
+def test_kinds_are_told_at_any_rate(tmp_path, rate):
+    """By what the columns hold: increments of gravity, or a place with its deviations."""
+    time = 180000.0 + np.arange(30) / rate
+    imu = np.column_stack([time, np.full((30, 5), 1e-4), np.full(30, -9.8 / rate)])
+    gnss = np.column_stack([time, np.tile([30.5, 114.3, 25.0, 0.1, 0.1, 0.2], (30, 1))])
+    np.savetxt(tmp_path / "imu.txt", imu, fmt="%.9f")
+    np.savetxt(tmp_path / "gnss.pos", gnss, fmt="%.9f")
+    assert kind_of(tmp_path / "gnss.pos") == "gnss"
+    assert kind_of(tmp_path / "imu.txt") == ("imu" if rate > 4 else "")

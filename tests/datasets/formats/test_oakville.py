@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from certnav.datasets.formats.oakville import is_oakville, read_oakville
 from certnav.filters.earth import C_en_at, C_en_of, ecef_to_lla
 from certnav.filters.errors import DataError
-from certnav.filters.rotation import matrix_from_rpy, wrap_angle
+from certnav.filters.rotation import matrix_from_rpy, rpy_from_matrix, wrap_angle
 
 DRIVES = (
     "parking-lot-figure8-nominal-001",
@@ -207,7 +209,7 @@ def test_without_mount_and_reference(tmp_path):
         (lambda t: t.rename(columns={"ax_mps2": "a"}), r"missing columns ax_mps2"),
         (lambda t: t.rename(columns={"t_s": "t"}), r"column t_s"),
         (lambda t: t.assign(gx_radps="x"), "not readable as numbers"),
-        (lambda t: t.iloc[::-1], "backwards"),
+        (lambda t: t.iloc[::-1], r"imu\.csv:3: t_s: expected increasing"),
     ],
 )
 def test_contradictions_are_refused(tmp_path, edit, message):
@@ -221,3 +223,102 @@ def test_recognition(tmp_path):
     assert is_oakville(write(tmp_path / "d"))
     with pytest.raises(DataError, match=r"imu\.csv\.gz: file not found"):
         read_oakville(tmp_path)
+
+
+# ---- neighbours of the shared drives ----------------------------------------------------------
+
+
+def permutations():
+    """All 24 ways in which a sensor's axes can lie along forward, left and up."""
+    turns = [
+        np.eye(3)[list(order)] * np.array(signs)
+        for order in itertools.permutations(range(3))
+        for signs in itertools.product((1.0, -1.0), repeat=3)
+    ]
+    return [turn for turn in turns if np.linalg.det(turn) > 0.0]
+
+
+def neighbour(source, folder, *, turn=None, drop=None):
+    """Write a shared drive with the sensor's axes turned, or rows of a file dropped."""
+    folder.mkdir()
+    for file in source.glob("*.csv.gz"):
+        table, name = pd.read_csv(file), file.name.removesuffix(".csv.gz")
+        if turn is not None and name == "imu":
+            for triad in (["gx_radps", "gy_radps", "gz_radps"], ["ax_mps2", "ay_mps2", "az_mps2"]):
+                table[triad] = table[triad].to_numpy() @ turn.T
+        if turn is not None and name == "reference_mount":
+            angles = ["roll_deg", "pitch_deg", "yaw_deg"]
+            C_vs = [matrix_from_rpy(a) @ turn.T for a in np.radians(table[angles].to_numpy())]
+            table[angles] = np.degrees(rpy_from_matrix(np.array(C_vs))) % 360.0
+        if drop is not None and name in drop:
+            table = table[drop[name](np.arange(len(table)))]
+        table.to_csv(folder / f"{name}.csv", index=False)
+    return folder
+
+
+@pytest.mark.parametrize("k", range(24))
+def test_the_axes_of_the_sensor_are_the_mounts_business(data_dir, drives, tmp_path, k):
+    """Vehicle-frame data are the same however the sensor lay in the car."""
+    name = DRIVES[2]
+    turn = permutations()[k]
+    drive, expected = (
+        read_oakville(neighbour(data_dir / "oakville-drives" / name, tmp_path / "d", turn=turn)),
+        drives[name],
+    )
+    for field in ("gyro_b", "accel_b"):
+        a, b = (getattr(d.imu, field) @ d.calibration.C_bv for d in (drive, expected))
+        np.testing.assert_allclose(a, b, rtol=0, atol=2e-3 if turn[2, 2] > 0.5 else 1e-9)
+
+
+@pytest.mark.parametrize("k", [1, 8, 14, 21])
+def test_a_run_does_not_depend_on_the_axes_of_the_sensor(data_dir, drives, tmp_path, k):
+    from certnav.nav.config import Config
+    from certnav.nav.pipeline import navigate
+
+    name, turn = DRIVES[2], permutations()[k]
+    assert turn[2, 2] < 0.5  # not upright
+    drive = read_oakville(neighbour(data_dir / "oakville-drives" / name, tmp_path / "d", turn=turn))
+    a, b = (navigate(d, Config()).trajectory for d in (drive, drives[name]))
+    np.testing.assert_allclose(a.pos_e, b.pos_e, rtol=0, atol=1e-6)
+
+
+def test_reference_files_of_other_lengths_are_joined_by_time(data_dir, drives, tmp_path):
+    """Every row that is left is the row that was there; dropped attitudes are interpolated."""
+    source, expected = data_dir / "oakville-drives" / DRIVES[2], drives[DRIVES[2]].reference
+    drop = {
+        "reference_position": lambda k: (k % 7 != 0) & (k > 20),
+        "reference_attitude": lambda k: (k % 5 != 0) & (k < k.size - 90),
+        "reference_motion": lambda k: k % 2 == 0,
+        "reference_mount": lambda k: k % 3 != 1,
+    }
+    drive = read_oakville(neighbour(source, tmp_path / "d", drop=drop))
+    found = drive.reference
+    row = np.searchsorted(expected.time, found.time)
+    np.testing.assert_array_equal(expected.time[row], found.time)
+    np.testing.assert_allclose(found.pos_e, expected.pos_e[row], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found.vel_e, expected.vel_e[row], rtol=0, atol=1e-6)
+    apart = np.degrees(np.abs(wrap_angle(found.rpy - expected.rpy[row])))
+    assert (apart == 0.0).all(axis=1).mean() > 0.75
+    assert apart.max() < 1.0  # the receiver's own solution steps by as much
+    assert len(found.time) > 0.8 * len(expected.time)
+    assert any("positions without attitude left out" in note for note in drive.notes)
+
+
+def test_a_reference_without_common_times_is_left_out(tmp_path):
+    folder = write(tmp_path / "d", attitude=lambda position: position)
+    table = pd.read_csv(folder / "reference_attitude.csv")
+    table["t_s"] += 500.0
+    table.to_csv(folder / "reference_attitude.csv", index=False)
+    drive = read_oakville(folder)
+    assert drive.reference is None
+    assert any("no time in common" in note for note in drive.notes)
+
+
+def test_a_mount_that_does_not_turn_gravity_up_is_refused(tmp_path):
+    def sideways(table):
+        return table.assign(ax_mps2=9.8, az_mps2=0.0)
+
+    with pytest.raises(DataError, match="turned by mount"):
+        read_oakville(write(tmp_path / "a", imu=sideways))
+    folder = write(tmp_path / "b", imu=sideways, mount=[[0.0, 270.0, 0.0]] * 8)
+    read_oakville(folder)

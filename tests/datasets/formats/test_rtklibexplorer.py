@@ -156,3 +156,17 @@ def test_recognition_and_missing_files(tmp_path):
     assert is_rtklibexplorer(tmp_path)
     with pytest.raises(ConfigError, match="several recordings"):
         read_rtklibexplorer(tmp_path)
+
+
+@pytest.mark.parametrize("every", [2, 4])
+def test_a_neighbour_at_another_rate_keeps_its_velocities(data_dir, tmp_path, every):
+    source = data_dir / "rtklibexplorer-drive"
+    for name in ("imu_1934.csv", "imu_1934.csv.tag"):
+        (tmp_path / name).symlink_to(source / name)
+    lines = (source / "gnss_1934_sf.pos").read_text().splitlines()
+    head = [line for line in lines if line.startswith("%")]
+    rows = [line for line in lines if not line.startswith("%")][::every]
+    (tmp_path / "gnss_1934_sf.pos").write_text("\n".join([*head, *rows]) + "\n")
+    fixes = read_rtklibexplorer(tmp_path).fixes
+    assert len(fixes) == len(rows)
+    assert fixes.has_velocity.mean() > 0.95

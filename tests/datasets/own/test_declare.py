@@ -219,3 +219,34 @@ def test_a_draft_is_never_taken_as_it_is(tmp_path):
     (tmp_path / "sequence.toml").write_text(draft_declaration([tmp_path / "imu.csv"]))
     with pytest.raises(NavError, match=r"sequence\.toml:\d+: .* is still '\?'"):
         read_declared(tmp_path)
+
+
+def test_links_are_named_as_they_lie(tmp_path):
+    """The draft goes beside the links, wherever what they point to lies, and under its name."""
+    store, home = tmp_path / "store", tmp_path / "drive"
+    store.mkdir()
+    home.mkdir()
+    (store / "raw_0815.csv").write_text("t,speed\n0,1\n1,2\n2,3\n")
+    (home / "wheels.csv").symlink_to(store / "raw_0815.csv")
+    linked = tmp_path / "linked"
+    linked.symlink_to(home)
+    for folder in (home, linked):
+        assert 'file = "wheels.csv"' in draft_declaration([folder / "wheels.csv"])
+
+
+@pytest.mark.parametrize(
+    ("content", "format_"),
+    [
+        (b"\xef\xbb\xbf$GPGGA,120000,,,,,0,,,,,,,,\r\n", "nmea"),
+        (b"[12:00] boot\n $GNRMC,120000,V,,,,,,,,,,N\r\n", "nmea"),
+        (b"\xb5b\x01\x07\x5c\x00" + bytes(92), "ubx"),
+    ],
+)
+def test_receiver_logs_are_told_by_their_messages(tmp_path, content, format_):
+    (tmp_path / "log").write_bytes(content)
+    assert f'format = "{format_}"' in draft_declaration([tmp_path / "log"])
+
+
+def test_a_pressure_in_microbar_is_no_ubx(tmp_path):
+    (tmp_path / "a.csv").write_bytes("t,speed,p [µbar]\n0,1,2\n1,2,3\n2,3,4\n".encode())
+    assert 'speed = "speed"' in draft_declaration([tmp_path / "a.csv"])

@@ -68,6 +68,29 @@ def test_missing_doppler_is_doubtful():
     assert found.severity == "doubtful" and "no Doppler" in found.found
 
 
+def without_doppler(first: float, last: float, satellites: int = 6) -> GnssObservations:
+    """Return observations without the Doppler of the first satellites for a time."""
+    whole = observations()
+    number = np.char.lstrip(whole.sat, "G").astype(int)
+    gone = (whole.time >= first) & (whole.time <= last) & (number <= satellites)
+    return whole.with_columns(range_rate=np.where(gone, np.nan, whole.range_rate))
+
+
+@pytest.mark.parametrize("satellites", [6, 4])
+@pytest.mark.parametrize(("first", "last"), [(0.0, 9.0), (20.0, 31.0), (50.0, 59.0)])
+def test_doppler_missing_in_part_is_doubtful(first, last, satellites):
+    found = only(doppler(without_doppler(first, last, satellites), NOTHING))
+    assert found.severity == "doubtful"
+    share = 100 * (last - first + 1) / 60
+    assert f"missing in {share:.0f} % of the epochs that have ranges" in found.found
+    assert f"longest {first:.1f}…{last:.1f} s after the first" in found.found
+
+
+@pytest.mark.parametrize(("last", "satellites"), [(21.0, 6), (40.0, 2)])
+def test_a_second_or_a_few_satellites_without_doppler_are_no_doubt(last, satellites):
+    assert only(doppler(without_doppler(20.0, last, satellites), NOTHING)).severity == "note"
+
+
 @pytest.mark.parametrize(
     ("cn0", "severity", "words"),
     [
