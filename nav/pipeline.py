@@ -16,7 +16,7 @@ from ..filters.smoother import smooth
 from ..filters.strapdown import InertialStream
 from ._frames import ned_covariances
 from .config import Config
-from .engine.blind import Spell, blind_spells
+from .engine.blind import blind_axes, blind_notes, blind_spells
 from .engine.doubts import doubts
 from .engine.gnss import gnss_timeline
 from .engine.loop import Diverged, FilterLoop
@@ -76,10 +76,16 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     spent_alignment = time.perf_counter() - began
     began = time.perf_counter()
     kalman = start_filter(start, stream, sequence.calibration, model, config.filter)
-    spells = blind_spells(imu, timeline.events)
+    blind = blind_axes(imu, timeline.events)
+    spells = blind_spells(imu, blind)
     loop = FilterLoop(kalman, sequence.calibration, vehicle, config, deque(spells))
     begin, end = kalman.time, stream.end
-    notes = [*plain(sequence.notes), *timeline.notes, *_imu_gaps(sequence), *_blind(spells)]
+    notes = [
+        *plain(sequence.notes),
+        *timeline.notes,
+        *_imu_gaps(sequence),
+        *blind_notes(spells, blind),
+    ]
     try:
         for number, event in enumerate(timeline.events):
             if number % 50 == 0:
@@ -162,17 +168,5 @@ def _imu_gaps(sequence: Sequence) -> tuple[Note, ...]:
     text = (
         f"IMU: {gaps.size} gaps, the longest {step[worst]:.3f} s from {clock(stamps[worst])}; "
         "each is bridged with the mean rate of the sample after it"
-    )
-    return (Note("note", text),)
-
-
-def _blind(spells: list[Spell]) -> tuple[Note, ...]:
-    """Name the spells over which the covariance is widened."""
-    if not spells:
-        return ()
-    begin, end = max(spells, key=lambda spell: spell[1] - spell[0])
-    text = (
-        f"IMU: no data, or frozen, in {len(spells)} spells, the longest {end - begin:.2f} s "
-        f"from {clock(begin)}; the covariance is widened by what a car may do meanwhile"
     )
     return (Note("note", text),)

@@ -151,7 +151,7 @@ def run(read: Callable[[], Sequence], sound: Outcome | None = None) -> Outcome:
         said.append(("refused", str(error)))
         lines = tuple(line for _, line in said)
         return Outcome("refused", lines, np.nan, np.nan, np.nan, 0, 0.0)
-    said += [("noted", note) for note in solution.notes if note not in sequence.notes]
+    said += [("noted", str(n)) for n in solution.notes if n.text not in sequence.notes]
     said = [(v, line) for v, line in said if stripped(line) not in known]
     said.sort(key=lambda s: (VERDICTS.index(s[0]), not s[1].startswith("doubtful")))
     verdict = min((v for v, _ in said), key=VERDICTS.index, default="silent")
