@@ -10,6 +10,7 @@
     fields           what their arrays are held to
     fix_faults       carried fixes that are none
     physics          gravity and the course against the units and axes declared
+    displacement     positions against velocities, by regression
     axes             axes of a sensor by name
     gpstime,         GPS seconds from and to calendars; time scales of files
     time_scales

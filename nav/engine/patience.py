@@ -26,6 +26,7 @@ class Patience:
         self.limit = limit
         self._lasted = 0.0
         self._latest: float | None = None
+        self._not_before = float("-inf")
 
     @property
     def lasted(self) -> float:
@@ -35,6 +36,7 @@ class Patience:
     def accepted(self) -> None:
         """Forget all refusals."""
         self._lasted, self._latest = 0.0, None
+        self._not_before = float("-inf")
 
     def refused(self, time: float) -> None:
         """Take a refusal at `time` [s]."""
@@ -42,7 +44,8 @@ class Patience:
 
     def failed(self, time: float) -> None:
         """Take a refusal of what was insisted on: once more, and soon."""
-        self._lasted, self._latest = max(self.limit - _AGAIN, 0.0), time
+        self._lasted, self._latest = max(self._by(time), self.limit), time
+        self._not_before = time + _AGAIN
 
     def over(self, time: float, limit: float | None = None) -> bool:
         """Tell if one more refusal at `time` [s] would be one too many.
@@ -53,7 +56,7 @@ class Patience:
         limit : float, optional
             In place of the usual limit, where there is better evidence [s].
         """
-        if self.limit <= 0.0 or self._latest is None:
+        if self.limit <= 0.0 or self._latest is None or time < self._not_before - 1e-3:
             return False
         return self._by(time) >= (self.limit if limit is None else limit) - 1e-3
 

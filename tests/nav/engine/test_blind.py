@@ -10,11 +10,15 @@ from certnav.datasets.series import ImuData
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.error_model import ATT, POS, VEL
+from certnav.filters.strapdown import InertialStream
 from certnav.nav.config import Config
 from certnav.nav.config_files import from_tables
-from certnav.nav.engine.blind import blind_spells, is_gap, propagate
+from certnav.nav.engine.blind import Spell, blind_axes, blind_spells, is_gap, propagate
 from certnav.nav.engine.events import GnssEvent, missing
 from certnav.nav.engine.gnss import gnss_timeline
+from certnav.nav.engine.model import error_model
+from certnav.nav.engine.start.finder import find_start
+from certnav.nav.engine.start.state import start_filter
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate
 from oracles import rigs
@@ -57,7 +61,12 @@ def frozen(sequence: Sequence, k: int, samples: int, gyro: bool, accel: bool) ->
 
 
 def spells(sequence):
-    return blind_spells(sequence.imu, gnss_timeline(sequence, Config().gnss).events)
+    blind = blind_axes(sequence.imu, gnss_timeline(sequence, Config().gnss).events)
+    return blind_spells(sequence.imu, blind)
+
+
+def times(sequence):
+    return [(spell.begin, spell.end) for spell in spells(sequence)]
 
 
 def test_a_sound_drive_has_none(drive):
@@ -66,10 +75,10 @@ def test_a_sound_drive_has_none(drive):
 
 def test_gap_and_frozen_sensors_are_found_where_they_are(drive):
     k, time = turn(drive), drive.imu.time
-    assert spells(without(drive, k, 300)) == [(time[k - 1], time[k + 300])]
-    assert spells(frozen(drive, k, 300, True, False)) == [(time[k], time[k + 299])]
+    assert times(without(drive, k, 300)) == [(time[k - 1], time[k + 300])]
+    assert times(frozen(drive, k, 300, True, False)) == [(time[k], time[k + 299])]
     both = frozen(without(drive, k + 250, 300), k, 250, True, True)
-    assert spells(both) == [(time[k], time[k + 550])]  # touching spells are one
+    assert times(both) == [(time[k], time[k + 550])]  # touching spells are one
 
 
 def test_values_that_repeat_at_rest_are_not_frozen(drive):
@@ -197,6 +206,77 @@ def test_the_solution_stays_within_its_sigma(drive, fault):
     ratio = np.abs(result.error_pos_n[:, :2]) / (3.0 * result.sigma_pos_n[:, :2])
     assert ratio.max() < 1.5
     assert result.metrics["horizontal_max_m"] < sound.metrics["horizontal_max_m"] + 3.0
+
+
+def clipped(sequence: Sequence, axes: tuple[int, ...], limit: float) -> Sequence:
+    imu, accel_b = sequence.imu, sequence.imu.accel_b.copy()
+    accel_b[:, axes] = np.clip(accel_b[:, axes], -limit, limit)
+    return dataclasses.replace(sequence, imu=ImuData(imu.time, imu.gyro_b, accel_b))
+
+
+@pytest.mark.parametrize("axes", [(0,), (1,), (0, 1)])
+def test_axes_that_are_clipped_alone_are_not_believed(drive, axes):
+    """The third axis moves on. Believed, two clipped axes lead the solution off by tens of 3σ."""
+    broken = clipped(drive, axes, 1.0)
+    solution = navigate(broken, Config())
+    told = [n.text for n in solution.notes if n.doubtful and "clipped at" in n.text]
+    assert len(told) == len(axes)
+    assert all(f"accelerometer {'xyz'[a]}" in t for a, t in zip(axes, told, strict=True))
+    result, sound = evaluate(solution, broken), evaluate(navigate(drive, Config()), drive)
+    ratio = np.abs(result.error_pos_n[:, :2]) / (3.0 * result.sigma_pos_n[:, :2])
+    assert ratio.max() < 1.5
+    assert result.metrics["horizontal_max_m"] < sound.metrics["horizontal_max_m"] + 1.0
+
+
+def test_overlapping_blindness_keeps_its_own_beginning(drive):
+    """Gyro z blind from k on, the accelerometers a second later: three spells, one after another.
+
+    The second covers both, and each counts from where its own sensor stopped.
+    """
+    k, time = turn(drive), drive.imu.time
+    gyro_b, accel_b = drive.imu.gyro_b.copy(), drive.imu.accel_b.copy()
+    gyro_b[k : k + 300, 2] = gyro_b[k, 2]
+    accel_b[k + 100 : k + 400] = accel_b[k + 100]
+    broken = dataclasses.replace(drive, imu=ImuData(time, gyro_b, accel_b))
+    first, both, last = spells(broken)
+    z, accel = (time[k], time[k + 299]), (time[k + 100], time[k + 399])
+    assert first == (z[0], accel[0], (None, None, z, None, None, None))
+    assert both == (accel[0], z[1], (None, None, z, accel, accel, accel))
+    assert last == (z[1], accel[1], (None, None, None, accel, accel, accel))
+
+
+def widened(drive, blind):
+    """Return what a blind second adds to attitude and velocity, in body axes."""
+    config = from_tables({"vehicle": {"nhc": "off", "zupt": False, "zaru": False}})
+    stream = InertialStream(drive.imu.time, drive.imu.gyro_b, drive.imu.accel_b)
+    model = error_model(drive.calibration, config)
+    events = gnss_timeline(drive, config.gnss).events
+    start = find_start(events, stream, drive.calibration, config.alignment, model)
+    pairs = []
+    for axes in (((None,) * 6), blind):
+        kalman = start_filter(start, stream, drive.calibration, model, config.filter)
+        begin = kalman.time
+        spans = tuple((begin, begin + 1.0) if axis else None for axis in axes)
+        propagate(kalman, begin + 1.0, [Spell(begin, begin + 1.0, spans)])
+        C = kalman.C_eb
+        pairs.append((kalman.P[ATT, ATT], C.T @ kalman.P[VEL, VEL] @ C))
+    return [np.diag(after - before) for before, after in zip(*pairs, strict=True)]
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_blind_gyro_axis_costs_attitude_about_it(drive, axis):
+    attitude, _ = widened(drive, tuple(k == axis for k in range(6)))
+    rate = 0.3 if axis == 2 else 0.05
+    assert attitude[axis] == pytest.approx(rate**2, rel=0.1)
+    assert np.delete(attitude, axis).max() < 0.05 * attitude[axis]
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_blind_accelerometer_axis_costs_velocity_along_it(drive, axis):
+    attitude, velocity = widened(drive, tuple(k == 3 + axis for k in range(6)))
+    assert velocity[axis] == pytest.approx(4.0, rel=0.1)
+    assert np.delete(velocity, axis).max() < 0.05 * velocity[axis]
+    assert np.abs(attitude).max() < 1e-6
 
 
 def test_the_covariance_grows_as_a_rate_error_makes_it(drive):
