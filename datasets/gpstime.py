@@ -48,6 +48,12 @@ def from_unix(unix: ArrayLike) -> NDArray[np.float64]:
     return u - _GPS_EPOCH.timestamp() + leap
 
 
+def gps_minus_utc(time: float) -> float:
+    """Return GPS − UTC at GPS time [s]: the leap seconds since 1980."""
+    at = _LEAP_UNIX - _GPS_EPOCH.timestamp() + _LEAP_COUNT[1:]
+    return float(_LEAP_COUNT[np.searchsorted(at, time, side="right")])
+
+
 def from_calendar(year: int, month: int, day: int, hour=0, minute=0, second=0.0) -> float:
     """Return GPS time [s] from a calendar date in GPS time (as RINEX and RTKLIB print it)."""
     start = datetime(year, month, day, hour, minute, tzinfo=UTC)

@@ -4,10 +4,18 @@ Increments y over intervals of one sensor are regressed on the increments of the
 integral, shifted by a lag, with all its axes at once: the fit finds the lag whatever the axes,
 signs and units are. Best is the lag with the smallest residual; delete-one-block jackknife gives
 its σ, which then contains whatever makes the parts of a drive disagree.
+
+A drive round the block looks alike one round later, and then a single stretch of bad data decides
+between none and a whole round. So a large lag is claimed only where no other, zero included,
+explains the motion as well, and no single block of the drive makes the difference.
+
+One convention of sign everywhere: a positive lag says that the stamps of the sensor whose integral
+is taken, the one a finding names first, are *late*.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,14 +29,19 @@ SEARCH = 40.0
 _COARSE, _FINE, _FINE_SPAN = 0.2, 0.02, 0.5
 #: The integral is put on a grid of this step, so that shifting it needs no search [s].
 _GRID = 0.02
-_BLOCKS = 8
+_BLOCKS = 16
 _LAGS_AT_ONCE = 32  # what they need stays in the processor's cache
 _MIN_ROWS = 24
 _MAX_ROWS = 500
 #: Shorter stretches in common are explained by chance [s].
 _MIN_COMMON = 15.0
-#: A lag beyond this is believed only if it leaves less than half of what a small one leaves.
+#: A lag beyond this is believed only if it leaves less than half of what a small one leaves …
 _NEAR = 1.0
+#: … and is ahead of any other, so far apart [s], whichever blocks in a row are left out: by so much
+#: of what it is ahead with all of them.
+_APART, _LEFT_OUT, _AHEAD = 1.5, 3, 0.3
+#: A lag expected beforehand, to so much [s], need only be ahead of small ones.
+_EXPECTED = 0.3
 
 
 @dataclass(frozen=True)
@@ -63,6 +76,7 @@ def find_lag(
     end: FloatArray,
     y: FloatArray,
     search: float = SEARCH,
+    expected: Iterable[float] = (),
 ) -> Lag | None:
     """Return the lag at which increments of `integral` explain `y` best.
 
@@ -76,6 +90,8 @@ def find_lag(
         Increments over them.
     search : float
         Lags of up to ± this are tried [s]; less where the recording is short.
+    expected : iterable of float
+        Large lags that would not surprise, of either sign [s]: the leap seconds.
 
     Returns
     -------
@@ -96,7 +112,7 @@ def find_lag(
     grams = _Grams(time, integral, start, end, y)
     steps = np.arange(np.ceil(lowest / _COARSE), np.floor(highest / _COARSE) + 1)
     coarse = _COARSE * steps
-    best = _peak(grams.explained(coarse), coarse)
+    best = _peak(grams.explained_by_part(coarse, _LEFT_OUT), coarse, tuple(expected))
     if best is None:
         return None
     fine = best + np.arange(-_FINE_SPAN, _FINE_SPAN + _FINE / 2, _FINE)
@@ -203,18 +219,15 @@ class _Grams:
         before = self.integral[k]
         return before + (position - k)[..., None] * (self.integral[k + 1] - before)
 
-    def explained(self, lags: FloatArray) -> FloatArray:
-        """Return the share explained at each lag."""
-        return self.share(self.at(lags).sum(axis=1))
+    def explained_by_part(self, lags: FloatArray, together: int = 1) -> FloatArray:
+        """Return the share explained with all blocks (column 0) and with one left out each.
 
-    def explained_by_part(self, lags: FloatArray) -> FloatArray:
-        """Return the share explained with all blocks (column 0) and with one left out each."""
+        `together` neighbours are left out at a time.
+        """
         blocks = self.at(lags)
         total = blocks.sum(axis=1)
-        without = total[:, None] - blocks
-        return np.column_stack(
-            [self.share(total), *(self.share(without[:, k]) for k in range(_BLOCKS))]
-        )
+        left_out = [blocks[:, k : k + together].sum(axis=1) for k in range(_BLOCKS + 1 - together)]
+        return np.column_stack([self.share(total), *(self.share(total - out) for out in left_out)])
 
     def share(self, gram: FloatArray) -> FloatArray:
         """Return 1 − residual/variance, both summed over the columns of y."""
@@ -232,17 +245,34 @@ class _Grams:
         return np.where(enough, share, 0.0)
 
 
-def _peak(share: FloatArray, lags: FloatArray) -> float | None:
-    """Return the lag with the largest share; a small one unless a large one is far better."""
+def _peak(shares: FloatArray, lags: FloatArray, expected: tuple[float, ...]) -> float | None:
+    """Return the lag with the largest share; a small one unless a large one is beyond doubt.
+
+    `shares` as of `_Grams.explained_by_part`.
+    """
+    share = shares[:, 0]
     if not np.isfinite(share).any() or np.nanmax(share) <= 0.0:
         return None
     best = int(np.nanargmax(share))
     near = np.abs(lags) <= _NEAR
     if not near.any():
-        return float(lags[best])
+        return float(lags[best]) if _alone(shares, lags, best, ()) else None
     small = int(np.flatnonzero(near)[np.nanargmax(share[near])])
+    if best == small:
+        return float(lags[best])
     far_better = 1.0 - share[best] < 0.5 * (1.0 - share[small])
-    return float(lags[best if far_better else small])
+    return float(lags[best if far_better and _alone(shares, lags, best, expected) else small])
+
+
+def _alone(shares: FloatArray, lags: FloatArray, best: int, expected: tuple[float, ...]) -> bool:
+    """Tell whether no other lag explains as much, whichever part of the drive is left out."""
+    others = np.abs(lags - lags[best]) > _APART
+    if any(abs(abs(lags[best]) - lag) < _EXPECTED for lag in expected):
+        others &= np.abs(lags) <= _NEAR
+    if not others.any():
+        return True
+    ahead = shares[best] - shares[others].max(axis=0)
+    return bool((ahead[1:] > _AHEAD * ahead[0]).all())
 
 
 def _vertex(lags: FloatArray, share: FloatArray) -> float:

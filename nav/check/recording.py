@@ -153,8 +153,9 @@ def _imu(sequence: Sequence, found: Tracks) -> Iterator[Finding]:
         return
     calibration = sequence.calibration
     distance = float(np.linalg.norm(calibration.lever_antenna_b)) + calibration.lever_antenna_sigma
-    offset = timing.time_offset(imu, found.gnss, distance)
-    yield from timing.offset_findings(offset, "GNSS")
+    expected = timing.expected_lags(sequence)
+    offset = timing.time_offset(imu, found.gnss, distance, expected=expected)
+    yield from timing.offset_findings(offset, "GNSS", expected)
     if offset is not None and offset.significant:
         imu = imu.shifted(-offset.lag)
     track = _judge(found, offset)
@@ -169,9 +170,9 @@ def _imu(sequence: Sequence, found: Tracks) -> Iterator[Finding]:
         return
     heading = reference.rpy[:, 2] if len(reference) == len(found.reference) else None
     distance = float(np.linalg.norm(reference.lever_b)) + calibration.lever_antenna_sigma
-    against = timing.time_offset(imu, found.reference, distance, heading)
+    against = timing.time_offset(imu, found.reference, distance, heading, expected)
     if against is not None and against.significant:
-        for finding in timing.offset_findings(against, "reference"):
+        for finding in timing.offset_findings(against, "reference", expected):
             # Not fatal: a run does not need the reference.
             yield dataclasses.replace(finding, severity="doubtful")
 

@@ -18,7 +18,7 @@ from ...velocity.tracks import Track, Tracks
 from .findings import Finding
 from .lag import Lag, find_lag
 from .motion import COURSE_SPEED, increments
-from .timing import LAG_TOLERANCE, leap_remedy, leap_second_words
+from .timing import LAG_TOLERANCE, expected_lags, leap_remedy, leap_second_words
 
 _BLOCKS = 8
 #: Slower epochs take no part in the fit [m/s].
@@ -50,7 +50,7 @@ def reference_findings(
     out = [*velocity(reference), *heading(reference)]
     apart = sequence.calibration.lever_antenna_b - reference.lever_b
     distance = float(np.linalg.norm(apart)) + sequence.calibration.lever_antenna_sigma + 0.1
-    lag, more = time_offset(tracks.reference, tracks.gnss, distance)
+    lag, more = time_offset(tracks.reference, tracks.gnss, distance, expected_lags(sequence))
     out += more
     if tracks.coarse is not None or positions is not None:
         out += place(sequence, tracks, positions, lag)
@@ -109,11 +109,12 @@ def heading(reference: Reference) -> list[Finding]:
 
 
 def time_offset(
-    reference: Track, gnss: Track | None, distance: float
+    reference: Track, gnss: Track | None, distance: float, expected: tuple[float, ...] = ()
 ) -> tuple[float, list[Finding]]:
     """Return the reference's time offset against GNSS [s] (0 when in order), and what it means.
 
-    `distance` is how far the reference's point may be from the antenna [m].
+    Positive: the reference's stamps are late. `distance` is how far its point may be from the
+    antenna [m], `expected` as of `expected_lags`.
     """
     subject = "time, reference and GNSS"
     moves = None if gnss is None else increments(gnss)
@@ -128,7 +129,10 @@ def time_offset(
             (speed, moves.along, 0.005),
             (course[:, None], moves.turn, distance / moves.turning_speed),
         ):
-            lag = find_lag(reference.time[known], integral, moves.start, moves.end, y[:, None])
+            lag = find_lag(
+                reference.time[known], integral, moves.start, moves.end, y[:, None],
+                expected=expected,
+            )  # fmt: skip
             lags.append((lag, systematic))
     good = [(lag, float(np.hypot(lag.sigma, s))) for lag, s in lags if lag and lag.conclusive]
     if not good:
@@ -141,10 +145,9 @@ def time_offset(
             Finding("note", subject, f"agree to {best.lag:+.3f} ± {sigma:.3f} s", "", numbers)
         ]
     found = f"the reference's stamps are {size:.2f} ± {sigma:.2f} s {late}"
-    found += leap_second_words(best.lag)
+    found += leap_second_words(best.lag, expected)
     remedy = "correct the reference's time, or errors along the road will be its"
-    if leap_second_words(best.lag):
-        remedy = leap_remedy(best.lag, remedy).replace("the IMU", "the reference")
+    remedy = leap_remedy(best.lag, expected, remedy, "the reference")
     # Not fatal: a run does not need the reference, but its errors would be wrong.
     return best.lag, [Finding("doubtful", subject, found, remedy, numbers)]
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...datasets.gpstime import gps_minus_utc
+from ...datasets.sequence import Sequence
 from ...filters.rotation import FloatArray
 from ...velocity.tracks import Track
 from .findings import Finding
@@ -46,7 +48,11 @@ class Offset:
 
 
 def time_offset(
-    imu: Inertial, track: Track, distance: float, heading: FloatArray | None = None
+    imu: Inertial,
+    track: Track,
+    distance: float,
+    heading: FloatArray | None = None,
+    expected: tuple[float, ...] = (),
 ) -> Offset | None:
     """Return by how much the IMU's stamps are late against a track, or None if nothing tells.
 
@@ -58,6 +64,8 @@ def time_offset(
         From the IMU to the point the track is of [m]: its acceleration leads or lags cornering.
     heading : ndarray, shape (n,), optional
         Heading of the body at the track's times [rad]; the course otherwise.
+    expected : tuple of float
+        As of `expected_lags`.
     """
     moves = increments(track, heading)
     if moves is None:
@@ -70,7 +78,7 @@ def time_offset(
         ("cornering", horizontal, moves.across, (distance + _LEVER) / speed),
         ("turn rate", imu.angle, moves.turn, 0.01 if heading is not None else _AXLE / speed),
     ):
-        lag = find_lag(imu.time, integral, moves.start, moves.end, y[:, None])
+        lag = find_lag(imu.time, integral, moves.start, moves.end, y[:, None], expected=expected)
         if lag is not None and lag.conclusive:
             found.append((what, lag, float(np.hypot(lag.sigma, systematic))))
     if not found:
@@ -83,7 +91,9 @@ def time_offset(
     return Offset(mean, float(weight.sum() ** -0.5), tuple((f[0], f[1]) for f in near))
 
 
-def offset_findings(offset: Offset | None, other: str) -> list[Finding]:
+def offset_findings(
+    offset: Offset | None, other: str, expected: tuple[float, ...] = ()
+) -> list[Finding]:
     """Return what the IMU's time offset against `other` ('GNSS') means."""
     subject = f"time, IMU and {other}"
     if offset is None:
@@ -110,21 +120,36 @@ def offset_findings(offset: Offset | None, other: str) -> list[Finding]:
     if size < LAG_FATAL:
         found += f"; at 20 m/s that is {20.0 * size:.0f} m along the road"
         return [Finding("doubtful", subject, found, remedy, numbers)]
-    leap = leap_second_words(offset.lag)
-    return [Finding("fatal", subject, found + leap, leap_remedy(offset.lag, remedy), numbers)]
+    leap = leap_second_words(offset.lag, expected)
+    remedy = leap_remedy(offset.lag, expected, remedy, "the IMU")
+    return [Finding("fatal", subject, found + leap, remedy, numbers)]
 
 
-def leap_second_words(lag: float) -> str:
-    """Return what a lag that equals GPS − UTC suggests, or ''."""
-    n = round(abs(lag))
-    if abs(abs(lag) - n) > 0.3 or n not in (*range(13, 19), 36):
-        return ""
-    return f", the leap seconds between UTC and GPS time{' applied twice' if n == 36 else ''}"
+def expected_lags(sequence: Sequence) -> tuple[float, ...]:
+    """Return the lags that a mistaken time scale makes: GPS − UTC at that date, once and twice.
+
+    None without a date.
+    """
+    if sequence.time_scale != "gps":
+        return ()
+    leap = gps_minus_utc(sequence.span[0])
+    return (leap, 2.0 * leap) if leap > 0.0 else ()
 
 
-def leap_remedy(lag: float, otherwise: str) -> str:
-    """Return how to declare a leap-second slip, or `otherwise`."""
-    if not leap_second_words(lag):
+def leap_second_words(lag: float, expected: tuple[float, ...]) -> str:
+    """Return what a lag that equals GPS − UTC at that date (`expected_lags`) suggests, or ''."""
+    for leap, words in zip(expected, ("", " applied twice"), strict=False):
+        if abs(abs(lag) - leap) < 0.3:
+            return f", the {expected[0]:.0f} leap seconds between UTC and GPS time{words}"
+    return ""
+
+
+def leap_remedy(lag: float, expected: tuple[float, ...], otherwise: str, name: str) -> str:
+    """Return how to declare a leap-second slip of the stamps called `name`, or `otherwise`.
+
+    UTC is behind GPS time: stamps in UTC that are taken for GPS time are early.
+    """
+    if not leap_second_words(lag, expected):
         return otherwise
-    which = "the IMU is in UTC" if lag < 0 else "the GNSS is in UTC"
+    which = f"{name} is in UTC" if lag < 0 else "the GNSS is in UTC"
     return f"declare the time scale: it looks as if {which} while the other is in GPS time"

@@ -45,6 +45,51 @@ def test_sigma_covers_the_error_of_noisy_increments():
     assert max(sigmas) < 0.1
 
 
+def round_the_block(t: np.ndarray, period: float) -> np.ndarray:
+    """Return a course that turns by 90° within 3 s, once a period, and a speed that sinks then."""
+    phase = np.mod(t, period)
+    course = np.pi / 2 * (np.floor(t / period) + np.clip((phase - 8.0) / 3.0, 0.0, 1.0))
+    return np.column_stack([course, 2.0 * np.cos(2.0 * np.pi * t / period)])
+
+
+@pytest.mark.parametrize("rate", [1.0, 5.0, 10.0])
+@pytest.mark.parametrize("begin", [24.0, 38.0, 57.0, 73.0])
+def test_equal_turns_are_no_offset_though_one_of_them_is_missing(rate, begin):
+    """For 10 s the receiver repeats itself: no shift explains that turn, a whole round leaves it.
+
+    Wherever in the drive; the sensors' stamps are right.
+    """
+    period = 17.0
+    t = np.arange(0.0, 120.0, 0.02)
+    start = np.arange(1.0, 117.0, 1.0 / rate)
+    held = np.where((start > begin) & (start < begin + 10.0), begin, start)
+    then = np.where((start + 1.0 > begin) & (start + 1.0 < begin + 10.0), begin, start + 1.0)
+    y = round_the_block(then, period) - round_the_block(held, period)
+    found = find_lag(t, round_the_block(t, period), start, start + 1.0, y[:, :1])
+    assert found is None or not found.conclusive or abs(found.lag) < 0.2
+
+
+def test_a_lag_in_a_drive_with_equal_turns_is_not_guessed():
+    """True or a round later: both explain everything."""
+    t = np.arange(0.0, 120.0, 0.02)
+    start = np.arange(1.0, 90.0, 0.5)
+    y = round_the_block(start + 1.0, 17.0) - round_the_block(start, 17.0)
+    found = find_lag(t + 18.0, round_the_block(t, 17.0), start, start + 1.0, y[:, :1])
+    assert found is None or abs(found.lag) < 1.5 or not found.conclusive
+
+
+def test_an_expected_lag_need_only_beat_none():
+    """Two equal turns, GNSS at the first alone: 18 s or 33 s, but not none."""
+    t = np.arange(0.0, 100.0, 0.02)
+    start = np.arange(1.0, 32.0, 0.25)
+    turns = np.exp(-(((t[:, None] - [25.0, 40.0]) / 1.5) ** 2)).sum(axis=1)[:, None]
+    y = np.interp(start + 1.0, t, turns[:, 0]) - np.interp(start, t, turns[:, 0])
+    guessed = find_lag(t + 18.0, turns, start, start + 1.0, y[:, None])
+    told = find_lag(t + 18.0, turns, start, start + 1.0, y[:, None], expected=(18.0, 36.0))
+    assert told.lag == pytest.approx(18.0, abs=0.1)
+    assert guessed is None or abs(guessed.lag) < 1.5
+
+
 def test_unrelated_signals_are_not_conclusive():
     rng = np.random.default_rng(1)
     t = np.arange(0.0, 200.0, 0.01)

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from certnav.datasets.gpstime import from_calendar
 from certnav.filters.earth import lla_to_ecef
 from certnav.nav.check.axes import accelerometer, gyro
 from certnav.nav.check.motion import Inertial
-from certnav.nav.check.timing import leap_second_words, offset_findings, time_offset
+from certnav.nav.check.reference import time_offset as reference_offset
+from certnav.nav.check.timing import (
+    expected_lags,
+    leap_remedy,
+    leap_second_words,
+    offset_findings,
+    time_offset,
+)
 from certnav.velocity.tracks import Track
 
 POSITION = np.radians([48.0, 11.0])
@@ -72,7 +82,9 @@ def test_drive_in_order():
 def test_time_is_found_whatever_the_axes(late, severity, words):
     C = [[0, 0, 1.0], [-1, 0, 0], [0, 1, 0]]
     found = only(
-        offset_findings(time_offset(sensors(np.array(C), late=late), track(), 0.0), "GNSS")
+        offset_findings(
+            time_offset(sensors(np.array(C), late=late), track(), 0.0), "GNSS", (18.0, 36.0)
+        )
     )
     assert found.severity == severity
     assert re.search(words, found.found), found.found
@@ -135,6 +147,41 @@ def test_straight_even_drive_tells_nothing_and_accuses_nobody():
     assert all("cannot be told" in f.found for f in findings)
 
 
-def test_leap_seconds_are_only_those():
-    assert "leap" in leap_second_words(-18.05) and "twice" in leap_second_words(36.0)
-    assert leap_second_words(7.0) == leap_second_words(18.5) == leap_second_words(0.1) == ""
+def dated(year: int, scale: str = "gps"):
+    """Return what `expected_lags` looks at of a recording in the July of a year."""
+    start = from_calendar(year, 7, 2)
+    return SimpleNamespace(time_scale=scale, span=(start, start + 240.0))
+
+
+def test_leap_seconds_are_those_of_the_date():
+    """17 s were the leap seconds of 2015 and 2016, and a round of the block before and after."""
+    now, then = expected_lags(dated(2021)), expected_lags(dated(2016))
+    assert (now, then) == ((18.0, 36.0), (17.0, 34.0))
+    assert "18 leap seconds" in leap_second_words(-18.05, now)
+    assert "twice" in leap_second_words(36.0, now)
+    assert "17 leap seconds" in leap_second_words(17.06, then)
+    for lag in (-17.06, 17.0, 13.0, 7.0, 18.5, 0.1):
+        assert leap_second_words(lag, now) == ""
+    assert expected_lags(dated(2021, "relative")) == ()
+    assert leap_second_words(18.0, ()) == ""
+
+
+def test_remedy_follows_the_sign():
+    """UTC is behind: what is early is in UTC."""
+    assert "the reference is in UTC" in leap_remedy(-18.0, (18.0, 36.0), "", "the reference")
+    assert "the GNSS is in UTC" in leap_remedy(18.0, (18.0, 36.0), "", "the reference")
+    assert leap_remedy(17.0, (18.0, 36.0), "otherwise", "the IMU") == "otherwise"
+
+
+@pytest.mark.parametrize("late", [0.3, -0.4, 18.0, -18.0])
+def test_late_means_late_whichever_sensor_it_is_said_of(late):
+    """The same shift of the IMU and of the reference has the same sign in every finding."""
+    offset = time_offset(sensors(late=late), track(), 0.0)
+    assert all(np.sign(lag.lag) == np.sign(late) for _, lag in offset.evidence)
+    assert offset.lag == pytest.approx(late, abs=0.05)
+    shifted = dataclasses.replace(track(10.0), time=track(10.0).time + late)
+    lag, found = reference_offset(shifted, track(), 0.0)
+    assert lag == pytest.approx(late, abs=0.05)
+    word = "late" if late > 0 else "early"
+    assert word in only(found).found
+    assert word in only(offset_findings(offset, "GNSS")).found
