@@ -33,7 +33,7 @@ from ..filters.errors import AlignmentError
 from ..filters.rotation import FloatArray, rpy_from_matrix
 from ..filters.strapdown import InertialStream
 from .config import Config
-from .engine.blind import Spell, is_gap
+from .engine.blind import Spell, gap, is_gap
 from .engine.events import GnssEvent
 from .engine.loop import Diverged, FilterLoop
 from .engine.model import error_model
@@ -229,7 +229,7 @@ class Navigator:
         before = self._stream.end if len(self._stream) else time
         self._stream.append(time, gyro_b, accel_b)
         if is_gap(time - before, self._stream.interval):
-            self._spells.append((before, time))
+            self._spells.append(gap(before, time))
         self._work_off(time - self.latency)
 
     def add_gnss(self, event: GnssEvent) -> None:

@@ -15,7 +15,7 @@ from ..filters.rotation import FloatArray
 from ..filters.strapdown import InertialStream
 from ._frames import ned_covariances
 from .config import Config
-from .engine.blind import Spell, blind_spells
+from .engine.blind import blind_axes, blind_notes, blind_spells
 from .engine.doubts import doubts
 from .engine.gnss import gnss_timeline
 from .engine.legs import Course, Leg, legs, told
@@ -67,7 +67,8 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         doppler=any(e.observations is not None for e in timeline.events),
         shared=any(e.shared for e in timeline.events),
     )  # fmt: skip
-    spells = blind_spells(imu, timeline.events)
+    blind = blind_axes(imu, timeline.events)
+    spells = blind_spells(imu, blind)
     course = Course(
         timeline.events, stream, sequence.calibration, vehicle, model, tuple(spells), config
     )
@@ -84,7 +85,8 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     status, said = told(made, stream.end, why)
     updates = tuple(update for leg in made for update in leg.updates)
     notes = [
-        *said, *plain(sequence.notes), *timeline.notes, *_imu_gaps(sequence), *_blind(spells),
+        *said, *plain(sequence.notes), *timeline.notes, *_imu_gaps(sequence),
+        *blind_notes(spells, blind),
         *doubts(updates, config.filter.gate_probability),
     ]  # fmt: skip
     if status == "ok" and any(note.doubtful for note in notes):
@@ -144,17 +146,5 @@ def _imu_gaps(sequence: Sequence) -> tuple[Note, ...]:
     text = (
         f"IMU: {gaps.size} gaps, the longest {step[worst]:.3f} s from {clock(stamps[worst])}; "
         "each is bridged with the mean rate of the sample after it"
-    )
-    return (Note("note", text),)
-
-
-def _blind(spells: list[Spell]) -> tuple[Note, ...]:
-    """Name the spells over which the covariance is widened."""
-    if not spells:
-        return ()
-    begin, end = max(spells, key=lambda spell: spell[1] - spell[0])
-    text = (
-        f"IMU: no data, or frozen, in {len(spells)} spells, the longest {end - begin:.2f} s "
-        f"from {clock(begin)}; the covariance is widened by what a car may do meanwhile"
     )
     return (Note("note", text),)

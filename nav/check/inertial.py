@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...datasets.imu_faults import SENSORS, UNITS, blind_stretches
 from ...datasets.sequence import Sequence
 from ...datasets.series import ImuData
 from ...filters.earth import gravity_e
@@ -22,7 +23,7 @@ _REST_RATE = 0.02
 _MIN_REST = 5
 #: Gravity further off than this is another unit, not a bias [m/s²].
 _GRAVITY_FATAL = 0.6
-#: Values that repeat over this time are frozen; sensors of low rate repeat a few samples [s].
+#: Axes that freeze within this time are one fault [s].
 _FROZEN = 0.5
 _FROZEN_FATAL = 0.2  # share of the recording
 _NOISE_FACTOR = 10.0
@@ -30,7 +31,6 @@ _NOISE_FACTOR = 10.0
 _JITTER = 0.2
 #: No inertial sensor waits so long [s].
 _TOO_LONG = 1.0
-_SENSORS = ("gyro", "accelerometer")
 _DEG_PER_H = np.pi / 180.0 / 3600.0
 
 
@@ -184,9 +184,10 @@ def sampling(imu: ImuData) -> list[Finding]:
 
 def frozen(imu: ImuData, track: Track | None) -> list[Finding]:
     """Find stretches in which a sensor, or one of its axes, repeats itself though moving."""
-    moving = _moving(imu, track)
+    blind = blind_stretches(imu, _moving(imu, track))
     out = []
-    for name, values in zip(_SENSORS, (imu.gyro_b, imu.accel_b), strict=True):
+    for sensor, values in enumerate((imu.gyro_b, imu.accel_b)):
+        name = SENSORS[sensor]
         spread = np.ptp(values, axis=0)
         dead = [k for k in range(3) if spread[k] == 0.0]
         if dead:
@@ -194,13 +195,20 @@ def frozen(imu: ImuData, track: Track | None) -> list[Finding]:
             found = f"axis {axes} never changes ({values[0, dead[0]]:.4g})"
             out.append(Finding("fatal", name, found, "the column is empty or the sensor is off"))
             continue
-        length, at = _longest_repeat(values, moving)
+        stretches = [s for s in blind if s.sensor == sensor and s.why == "frozen"]
+        if not stretches:
+            continue
+        longest = max(stretches, key=lambda s: s.last - s.first)
+        length = longest.last - longest.first + 1
         seconds = length * imu.interval
-        if seconds > _FROZEN:
-            found = f"frozen for {seconds:.1f} s from {clock(imu.time[at])}: {length} equal rows"
-            severity = "fatal" if length > _FROZEN_FATAL * len(imu) else "doubtful"
-            remedy = "leave the stretch out; the sensor or its log had stopped"
-            out.append(Finding(severity, name, found, remedy, {"frozen_s": seconds}))
+        axes = ", ".join(
+            sorted({"xyz"[s.axis] for s in stretches if abs(s.begin - longest.begin) < _FROZEN})
+        )
+        found = f"frozen for {seconds:.1f} s from {clock(longest.begin)}: {length} equal rows"
+        found = found if axes == "x, y, z" else f"axis {axes} {found}"
+        severity = "fatal" if length > _FROZEN_FATAL * len(imu) else "doubtful"
+        remedy = "leave the stretch out; the sensor or its log had stopped"
+        out.append(Finding(severity, name, found, remedy, {"frozen_s": seconds}))
     same = (np.diff(imu.gyro_b, axis=0) == 0).all(1) & (np.diff(imu.accel_b, axis=0) == 0).all(1)
     share = float(same.mean())
     if share > 0.2 and not out:
@@ -226,43 +234,24 @@ def _moving(imu: ImuData, track: Track | None) -> NDArray[np.bool_]:
     return np.asarray(np.interp(imu.time, track.time[known], track.speed[known]) > _REST_SPEED)
 
 
-def _longest_repeat(values: FloatArray, moving: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return length and start of the longest run of equal values in any one axis, in motion."""
-    best = (0, 0)
-    for column in values.T:
-        fresh = np.concatenate([[True], (np.diff(column) != 0.0) | ~moving[1:], [True]])
-        change = np.flatnonzero(fresh)
-        run = np.diff(change)
-        k = int(np.argmax(run))
-        if run[k] > best[0]:
-            best = (int(run[k]), int(change[k]))
-    return best
-
-
 def saturated(imu: ImuData) -> list[Finding]:
-    """Find axes that hit a limit: an extreme value that is repeated, far outside the rest."""
+    """Find axes that hit a limit: an extreme value at which they pile up."""
     out = []
-    for name, values, unit, least in (
-        (_SENSORS[0], imu.gyro_b, "rad/s", 0.2),
-        (_SENSORS[1], imu.accel_b, "m/s²", 1.0),
-    ):
-        for k, column in enumerate(values.T):
-            centre, scale = float(np.median(column)), float(column.std())
-            for limit in (float(column.min()), float(column.max())):
-                hits = int((np.abs(column - limit) <= 1e-6 * abs(limit)).sum())
-                if hits < 5 or abs(limit - centre) < max(2.0 * scale, least):
-                    continue
-                found = f"axis {'xyz'[k]} hits {limit:+.3g} {unit} {hits} times: saturated"
-                remedy = "use a wider range, or leave these stretches out"
-                out.append(
-                    Finding(
-                        "doubtful",
-                        name,
-                        found,
-                        remedy,
-                        {"limit": limit, "hits": float(hits), "share": hits / len(imu)},
-                    )
-                )
+    blind = [s for s in blind_stretches(imu, np.zeros(len(imu), dtype=bool)) if s.why == "clipped"]
+    for key in sorted({(s.sensor, s.axis, s.value) for s in blind}):
+        sensor, axis, limit = key
+        some = [s for s in blind if (s.sensor, s.axis, s.value) == key]
+        column = (imu.gyro_b, imu.accel_b)[sensor][:, axis]
+        hits = int((column == limit).sum())
+        longest = max(some, key=lambda s: s.end - s.begin)
+        found = (
+            f"axis {'xyz'[axis]} hits {limit:+.3g} {UNITS[sensor]} {hits} times: saturated, in "
+            f"{len(some)} stretches, the longest {longest.end - longest.begin:.2f} s from "
+            f"{clock(longest.begin)}"
+        )
+        remedy = "use a wider range, or leave these stretches out"
+        numbers = {"limit": limit, "hits": float(hits), "share": hits / len(imu)}
+        out.append(Finding("doubtful", SENSORS[sensor], found, remedy, numbers))
     return out
 
 
@@ -275,8 +264,8 @@ def noise(
     out = []
     chosen = [w for w, still in zip(windows, rest, strict=True) if still]
     for name, values, density, unit, scale in (
-        (_SENSORS[0], imu.gyro_b, spec.gyro_noise_density, "deg/√h", 60.0 * 180.0 / np.pi),
-        (_SENSORS[1], imu.accel_b, spec.accel_noise_density, "m/s/√h", 60.0),
+        (SENSORS[0], imu.gyro_b, spec.gyro_noise_density, "deg/√h", 60.0 * 180.0 / np.pi),
+        (SENSORS[1], imu.accel_b, spec.accel_noise_density, "m/s/√h", 60.0),
     ):
         # differences of neighbours: white noise without bias and slow motion
         rms = np.array([np.sqrt((np.diff(values[w], axis=0) ** 2).mean() / 2.0) for w in chosen])

@@ -120,7 +120,9 @@ def drift_scores(
         elevation_mask_deg=config.gnss.elevation_mask_deg,
     )  # fmt: skip
     events = [e for e in gnss_timeline(degraded, config.gnss).events if e.kind != "position"]
-    drive = _Drive(sequence, config, solution, blind.blind_spells(sequence.inertial, events))
+    imu = sequence.inertial
+    blinded = blind.blind_spells(imu, blind.blind_axes(imu, events))
+    drive = _Drive(sequence, config, solution, blinded)
     return [
         _score(
             drive, spell, [e for e in events if spell.start < e.time < spell.end],

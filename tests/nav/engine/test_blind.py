@@ -10,11 +10,15 @@ from certnav.datasets.series import ImuData
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.error_model import ATT, POS, VEL
+from certnav.filters.strapdown import InertialStream
 from certnav.nav.config import Config
 from certnav.nav.config_files import from_tables
-from certnav.nav.engine.blind import blind_spells, is_gap, propagate
+from certnav.nav.engine.blind import Spell, blind_axes, blind_spells, gap, is_gap, propagate
 from certnav.nav.engine.events import GnssEvent, missing
 from certnav.nav.engine.gnss import gnss_timeline
+from certnav.nav.engine.model import error_model
+from certnav.nav.engine.start.finder import find_start
+from certnav.nav.engine.start.state import start_filter
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate
 from oracles import rigs
@@ -57,7 +61,12 @@ def frozen(sequence: Sequence, k: int, samples: int, gyro: bool, accel: bool) ->
 
 
 def spells(sequence):
-    return blind_spells(sequence.imu, gnss_timeline(sequence, Config().gnss).events)
+    blind = blind_axes(sequence.imu, gnss_timeline(sequence, Config().gnss).events)
+    return blind_spells(sequence.imu, blind)
+
+
+def times(sequence):
+    return [(spell.begin, spell.end) for spell in spells(sequence)]
 
 
 def test_a_sound_drive_has_none(drive):
@@ -66,10 +75,10 @@ def test_a_sound_drive_has_none(drive):
 
 def test_gap_and_frozen_sensors_are_found_where_they_are(drive):
     k, time = turn(drive), drive.imu.time
-    assert spells(without(drive, k, 300)) == [(time[k - 1], time[k + 300])]
-    assert spells(frozen(drive, k, 300, True, False)) == [(time[k], time[k + 299])]
+    assert times(without(drive, k, 300)) == [(time[k - 1], time[k + 300])]
+    assert times(frozen(drive, k, 300, True, False)) == [(time[k], time[k + 299])]
     both = frozen(without(drive, k + 250, 300), k, 250, True, True)
-    assert spells(both) == [(time[k], time[k + 550])]  # touching spells are one
+    assert times(both) == [(time[k], time[k + 550])]  # touching spells are one
 
 
 def test_values_that_repeat_at_rest_are_not_frozen(drive):
@@ -95,6 +104,10 @@ def speed(time, metres_per_second=10.0, kind="velocity"):
     return GnssEvent(time, kind, np.array([metres_per_second, 0.0, 0.0]), np.eye(3))
 
 
+def spans_of(imu, events):
+    return [(spell.begin, spell.end) for spell in blind_spells(imu, blind_axes(imu, events))]
+
+
 def repeating(first, last, imu):
     """The rows first … last are equal."""
     gyro_b = imu.gyro_b.copy()
@@ -105,44 +118,48 @@ def repeating(first, last, imu):
 def test_a_sensor_is_frozen_after_a_fifth_of_a_second_and_six_equal_rows():
     moving = [speed(2.0)]
     for last, found in ((219, False), (221, True)):
-        spells = blind_spells(repeating(200, last, noise(400)), moving)
-        assert spells == ([(2.01, (last + 1) / 100.0)] if found else [])
+        spans = spans_of(repeating(200, last, noise(400)), moving)
+        assert spans == ([(2.01, (last + 1) / 100.0)] if found else [])
     for last, found in ((24, False), (25, True)):  # at 10 Hz
-        spells = blind_spells(repeating(20, last, noise(40, 10.0)), moving)
-        assert spells == ([(2.1, (last + 1) / 10.0)] if found else [])
+        spans = spans_of(repeating(20, last, noise(40, 10.0)), moving)
+        assert spans == ([(2.1, (last + 1) / 10.0)] if found else [])
 
 
-@pytest.mark.parametrize(("event", "found"), [
-    (speed(1.02), True), (speed(1.0), False), (speed(3.99), True), (speed(4.02), False),
-    (speed(2.5, 0.49), False), (speed(2.5, 0.51), True), (speed(2.5, kind="position"), False),
-    (missing(2.5, "velocity", "too few"), False),
+@pytest.mark.parametrize(("events", "found"), [
+    ([speed(1.02)], True), ([speed(3.99)], True), ([speed(5.5)], True),
+    ([speed(2.5, 0.49)], False), ([speed(2.5, 0.51)], True), ([speed(2.5, kind="position")], False),
+    ([missing(2.5, "velocity", "too few")], False),
+    ([speed(1.5), speed(9.0, 0.0)], True), ([speed(0.2, 0.0), speed(9.0)], False),
+    ([speed(1.0, 0.0), speed(2.1), speed(4.0, 0.0)], True),
 ])  # fmt: skip
-def test_frozen_is_what_repeats_while_gnss_sees_motion(event, found):
-    """Within a second of it, by a velocity that can be used."""
+def test_frozen_is_what_repeats_while_gnss_sees_motion(events, found):
+    """By a velocity that can be used: one within a second, or else the nearest."""
     imu = repeating(200, 300, noise(600))  # 2.01 … 3.01 s
-    assert bool(blind_spells(imu, [event])) == found
+    assert bool(spans_of(imu, events)) == found
 
 
-def test_one_axis_that_repeats_is_no_frozen_sensor():
+def test_one_axis_that_repeats_is_blind_for_itself():
     imu = noise(600)
     gyro_b = imu.gyro_b.copy()
     gyro_b[200:300, 0] = 1.0
-    assert blind_spells(ImuData(imu.time, gyro_b, imu.accel_b), [speed(2.5)]) == []
+    broken = ImuData(imu.time, gyro_b, imu.accel_b)
+    (spell,) = blind_spells(broken, blind_axes(broken, [speed(2.5)]))
+    assert spell == (2.01, 3.0, ((2.01, 3.0), *(None,) * 5))
 
 
-def test_spells_that_overlap_are_one_and_those_apart_are_two():
+def test_spells_do_not_overlap():
     imu = repeating(200, 300, noise(900))
     accel_b = imu.accel_b.copy()
     accel_b[230:260] = accel_b[230]  # within the other
     accel_b[500:600] = accel_b[500]
-    spells = blind_spells(ImuData(imu.time, imu.gyro_b, accel_b), [speed(2.5), speed(5.5)])
-    assert spells == [(2.01, 3.01), (5.01, 6.0)]
+    spans = spans_of(ImuData(imu.time, imu.gyro_b, accel_b), [speed(2.5), speed(5.5)])
+    assert spans == [(2.01, 2.31), (2.31, 2.6), (2.6, 3.01), (5.01, 6.0)]
 
 
 def grown(begin, end, until, sigma=1e-6):
     """Return σ of velocity, tilt and heading after `until` with one spell on the way."""
     kalman = rigs.filter_at_rest(12.0, sigma=(1.0, 1e-6, sigma))
-    propagate(kalman, until, [(begin, end)])
+    propagate(kalman, until, [gap(begin, end)])
     assert kalman.time == pytest.approx(until)
     C_nb = rigs.C_EN.T @ kalman.C_eb
     att = np.sqrt(np.diag(C_nb @ kalman.P[ATT, ATT] @ C_nb.T))
@@ -174,10 +191,10 @@ def test_spells_that_are_over_before_it_begins_change_nothing():
     kalman, other = (rigs.filter_at_rest(6.0) for _ in range(2))
     for each in (kalman, other):
         each.propagate(3.0)
-    propagate(kalman, 5.0, [(0.0, 1.0), (1.5, 3.0), (5.0, 6.0)])
+    propagate(kalman, 5.0, [gap(0.0, 1.0), gap(1.5, 3.0), gap(5.0, 6.0)])
     other.propagate(5.0)
     np.testing.assert_allclose(kalman.P, other.P, rtol=1e-9)
-    propagate(kalman, 5.5, [(4.0, 5.0), (5.2, 5.4), (5.4, 5.5)])
+    propagate(kalman, 5.5, [gap(4.0, 5.0), gap(5.2, 5.4), gap(5.4, 5.5)])
     assert kalman.P[VEL, VEL][0, 0] > other.P[VEL, VEL][0, 0] + 1e-4
     assert kalman.P[POS, POS][0, 0] < 2.0
 
@@ -197,6 +214,77 @@ def test_the_solution_stays_within_its_sigma(drive, fault):
     ratio = np.abs(result.error_pos_n[:, :2]) / (3.0 * result.sigma_pos_n[:, :2])
     assert ratio.max() < 1.5
     assert result.metrics["horizontal_max_m"] < sound.metrics["horizontal_max_m"] + 3.0
+
+
+def clipped(sequence: Sequence, axes: tuple[int, ...], limit: float) -> Sequence:
+    imu, accel_b = sequence.imu, sequence.imu.accel_b.copy()
+    accel_b[:, axes] = np.clip(accel_b[:, axes], -limit, limit)
+    return dataclasses.replace(sequence, imu=ImuData(imu.time, imu.gyro_b, accel_b))
+
+
+@pytest.mark.parametrize("axes", [(0,), (1,), (0, 1)])
+def test_axes_that_are_clipped_alone_are_not_believed(drive, axes):
+    """The third axis moves on. Believed, two clipped axes lead the solution off by tens of 3σ."""
+    broken = clipped(drive, axes, 1.0)
+    solution = navigate(broken, Config())
+    told = [n.text for n in solution.notes if n.doubtful and "clipped at" in n.text]
+    assert len(told) == len(axes)
+    assert all(f"accelerometer {'xyz'[a]}" in t for a, t in zip(axes, told, strict=True))
+    result, sound = evaluate(solution, broken), evaluate(navigate(drive, Config()), drive)
+    ratio = np.abs(result.error_pos_n[:, :2]) / (3.0 * result.sigma_pos_n[:, :2])
+    assert ratio.max() < 1.5
+    assert result.metrics["horizontal_max_m"] < sound.metrics["horizontal_max_m"] + 1.0
+
+
+def test_overlapping_blindness_keeps_its_own_beginning(drive):
+    """Gyro z blind from k on, the accelerometers a second later: three spells, one after another.
+
+    The second covers both, and each counts from where its own sensor stopped.
+    """
+    k, time = turn(drive), drive.imu.time
+    gyro_b, accel_b = drive.imu.gyro_b.copy(), drive.imu.accel_b.copy()
+    gyro_b[k : k + 300, 2] = gyro_b[k, 2]
+    accel_b[k + 100 : k + 400] = accel_b[k + 100]
+    broken = dataclasses.replace(drive, imu=ImuData(time, gyro_b, accel_b))
+    first, both, last = spells(broken)
+    z, accel = (time[k], time[k + 299]), (time[k + 100], time[k + 399])
+    assert first == (z[0], accel[0], (None, None, z, None, None, None))
+    assert both == (accel[0], z[1], (None, None, z, accel, accel, accel))
+    assert last == (z[1], accel[1], (None, None, None, accel, accel, accel))
+
+
+def widened(drive, blind):
+    """Return what a blind second adds to attitude and velocity, in body axes."""
+    config = from_tables({"vehicle": {"nhc": "off", "zupt": False, "zaru": False}})
+    stream = InertialStream(drive.imu.time, drive.imu.gyro_b, drive.imu.accel_b)
+    model = error_model(drive.calibration, config)
+    events = gnss_timeline(drive, config.gnss).events
+    start = find_start(events, stream, drive.calibration, config.alignment, model)
+    pairs = []
+    for axes in (((None,) * 6), blind):
+        kalman = start_filter(start, stream, drive.calibration, model, config.filter)
+        begin = kalman.time
+        spans = tuple((begin, begin + 1.0) if axis else None for axis in axes)
+        propagate(kalman, begin + 1.0, [Spell(begin, begin + 1.0, spans)])
+        C = kalman.C_eb
+        pairs.append((kalman.P[ATT, ATT], C.T @ kalman.P[VEL, VEL] @ C))
+    return [np.diag(after - before) for before, after in zip(*pairs, strict=True)]
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_blind_gyro_axis_costs_attitude_about_it(drive, axis):
+    attitude, _ = widened(drive, tuple(k == axis for k in range(6)))
+    rate = 0.3 if axis == 2 else 0.05
+    assert attitude[axis] == pytest.approx(rate**2, rel=0.1)
+    assert np.delete(attitude, axis).max() < 0.05 * attitude[axis]
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_blind_accelerometer_axis_costs_velocity_along_it(drive, axis):
+    attitude, velocity = widened(drive, tuple(k == 3 + axis for k in range(6)))
+    assert velocity[axis] == pytest.approx(4.0, rel=0.1)
+    assert np.delete(velocity, axis).max() < 0.05 * velocity[axis]
+    assert np.abs(attitude).max() < 1e-6
 
 
 def test_the_covariance_grows_as_a_rate_error_makes_it(drive):
