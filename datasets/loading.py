@@ -60,6 +60,9 @@ class Format:
         return getattr(importlib.import_module(f".{self.module}", __package__), name)
 
 
+#: Recordings in a folder that are named, of more.
+_LISTED = 10
+
 FORMATS: dict[str, Format] = {
     "great": Format(
         "great.reader",
@@ -114,12 +117,36 @@ def recognise(path: str | Path) -> str:
             file=folder,
             remedy="name one with format=…",
         )
+    if inside := _recordings_in(folder, known):
+        raise DataError(f"holds {len(inside)} recordings and is none itself", file=folder,
+                        remedy=_which_of(inside))  # fmt: skip
     looked = "; ".join(f"{name}: {kind.looks_like}" for name, kind in known.items())
     raise DataError(
         f"not recognised (looked for {looked})",
         file=folder,
         remedy="own files: `certnav declare FILE…` drafts the sequence.toml they need",
     )
+
+
+def _recordings_in(folder: Path, known: dict[str, Format]) -> list[tuple[str, str]]:
+    """Return name and format of the recordings a folder holds."""
+    try:
+        places = sorted(place for place in folder.iterdir() if place.is_dir())
+    except OSError:
+        return []
+    return [(p.name, name) for p in places for name, kind in known.items() if kind.detect(p)]
+
+
+def _which_of(inside: list[tuple[str, str]]) -> str:
+    """Return how to name one of them: of GREAT sequences by their name in the catalogue, too."""
+    from .great.catalogue import named_in
+
+    names = list(dict.fromkeys(name for name, _ in inside))
+    text = f"name one of them: {', '.join(names[:_LISTED])}" + (" …" if names[_LISTED:] else "")
+    great = [named_in(name) for name, kind in inside if kind == "great"]
+    if found := [entry.name for entry in great if entry is not None]:
+        text += f"; or run with --great {found[0]}"
+    return text
 
 
 def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequence:

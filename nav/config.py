@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from ..filters.errors import ConfigError
 from ..filters.sensors import PRESETS
+from .vehicles import VEHICLES
 
 T = TypeVar("T")
 
@@ -251,10 +252,15 @@ class GnssConfig:
 
 @dataclass(frozen=True)
 class VehicleConfig:
-    """What is known of any road vehicle, whatever GNSS says.
+    """What is known of the vehicle, whatever GNSS says.
 
     Parameters
     ----------
+    kind : {'car', 'truck', 'bicycle', 'walker', 'robot', 'boat', 'aircraft'}
+        Sets what is possible and which checks apply (`nav.vehicles`). What does not go where it
+        points (walker, robot, boat, aircraft) has neither `nhc` nor ``gnss.forward_motion`` where
+        these are 'auto'; in a configuration file boat and aircraft have no `zupt` and `zaru`, and
+        ``alignment.min_speed_mps`` is the kind's, unless they are given.
     nhc : {'auto', 'on', 'off'}
         No sideways and no vertical velocity at the rear axle. 'auto': where the mounting of the
         IMU in the vehicle is declared; with an unknown one it does harm.
@@ -273,6 +279,7 @@ class VehicleConfig:
         Time between constraints.
     """
 
+    kind: str = "car"
     nhc: str = "auto"
     sigma_lateral_mps: float = 0.2
     sigma_vertical_mps: float = 0.2
@@ -284,6 +291,8 @@ class VehicleConfig:
     interval_s: float = 1.0
 
     def __post_init__(self) -> None:
+        if self.kind not in VEHICLES:
+            raise ConfigError.unknown_key(self.kind, VEHICLES, where="vehicle.kind")
         for name in ("nhc", "odometer"):
             _choice(f"vehicle.{name}", getattr(self, name), ("auto", "on", "off"))
         for name in (
@@ -310,3 +319,11 @@ class Config:
     gnss: GnssConfig = field(default_factory=GnssConfig)
     vehicle: VehicleConfig = field(default_factory=VehicleConfig)
     data: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if VEHICLES[self.vehicle.kind].holds_course:
+            return
+        if self.vehicle.nhc == "auto":
+            object.__setattr__(self, "vehicle", replace(self.vehicle, nhc="off"))
+        if self.gnss.forward_motion == "auto":
+            object.__setattr__(self, "gnss", replace(self.gnss, forward_motion="off"))

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from ..datasets.text.toml_files import parse_toml, read_toml
 from ..filters.errors import ConfigError, DataError
 from .config import AlignmentConfig, Config, FilterConfig, GnssConfig, VehicleConfig
+from .vehicles import VEHICLES, defaults
 
 T = TypeVar("T")
 
@@ -56,12 +57,18 @@ def from_tables(tables: Mapping[str, Any]) -> Config:
         "vehicle": VehicleConfig,
     }
     parts: dict[str, Any] = {}
-    for name, table in tables.items():
+    asked = tables.get("vehicle", {})
+    kind = asked.get("kind", "car") if isinstance(asked, Mapping) else "car"
+    of_kind = defaults(kind) if kind in VEHICLES else {}
+    for name, table in {**{name: {} for name in of_kind}, **tables}.items():
         if name not in (*sections, "data"):
             raise ConfigError.unknown_key(name, (*sections, "data"), where="configuration")
         if not isinstance(table, Mapping):
             raise ConfigError(f"{name}: expected a table, found {table!r}")
-        parts[name] = dict(table) if name == "data" else _section(sections[name], table, name)
+        if name == "data":
+            parts[name] = dict(table)
+        else:
+            parts[name] = _section(sections[name], {**of_kind.get(name, {}), **table}, name)
     return Config(**parts)
 
 

@@ -7,6 +7,7 @@ page, and `datasets.import_archives` arranges what was downloaded.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,6 +131,16 @@ def catalogue_text() -> str:
     return "\n".join(lines)
 
 
+def _unknown(name: str) -> ConfigError:
+    """Return the error that lists the sequences of the place that is meant, or the nearest."""
+    place = re.match("[a-z]*", _plain(name))
+    same = [e.name for e in GREAT if place and _plain(e.name).startswith(place[0] or "?")]
+    if same:
+        return ConfigError(f"--great: no sequence '{name}' — of {same[0].partition('-')[0]} there "
+                           f"are {', '.join(same)}")  # fmt: skip
+    return ConfigError.unknown_key(name, [e.name for e in GREAT], where="--great")
+
+
 def great_sequence(
     path: str | Path, name: str, options: Mapping[str, Any]
 ) -> tuple[Path, dict[str, Any]]:
@@ -151,7 +162,7 @@ def great_sequence(
     """
     known = entry(name)
     if known is None:
-        raise ConfigError.unknown_key(name, [e.name for e in GREAT], where="--great")
+        raise _unknown(name)
     path = Path(path)
     inside = path / f"Dataset_{known.name}"
     folder = inside if inside.is_dir() else path

@@ -11,6 +11,7 @@ from ...filters.earth import C_en_of, ecef_to_lla, lla_to_ecef
 from ...filters.rotation import FloatArray
 from ...velocity.tracks import Track, Tracks
 from ..rejections import rejections
+from ..vehicles import VEHICLES, Vehicle
 from .findings import Finding
 
 #: Pseudoranges of GNSS satellites, receiver clock included [m]: 17 ms … 600 ms of light.
@@ -20,7 +21,9 @@ _MIN_PAIRS = 20
 _ELSEWHERE = 1000.0
 
 
-def gnss_findings(sequence: Sequence, tracks: Tracks, min_cn0: float) -> list[Finding]:
+def gnss_findings(
+    sequence: Sequence, tracks: Tracks, min_cn0: float, vehicle: Vehicle = VEHICLES["car"]
+) -> list[Finding]:
     """Return everything GNSS says by itself.
 
     Parameters
@@ -29,6 +32,7 @@ def gnss_findings(sequence: Sequence, tracks: Tracks, min_cn0: float) -> list[Fi
     tracks : Tracks
     min_cn0 : float
         Signals weaker than this will not be used by a run [dB-Hz].
+    vehicle : Vehicle
     """
     out: list[Finding] = []
     if sequence.observations is not None and len(sequence.observations):
@@ -42,7 +46,7 @@ def gnss_findings(sequence: Sequence, tracks: Tracks, min_cn0: float) -> list[Fi
         out += no_fixes(sequence.fixes)
         usable = sequence.fixes.take(sequence.fixes.usable)
         if len(usable) > 2:
-            out += fixes(usable, tracks)
+            out += fixes(usable, tracks, vehicle)
     return out
 
 
@@ -225,16 +229,16 @@ def no_fixes(found: GnssFixes) -> list[Finding]:
     return [Finding("doubtful", "fixes", text) for text in rejections(found)]
 
 
-def fixes(found: GnssFixes, tracks: Tracks) -> list[Finding]:
+def fixes(found: GnssFixes, tracks: Tracks, vehicle: Vehicle = VEHICLES["car"]) -> list[Finding]:
     """Test carried positions against the pseudoranges, against their velocities, and by height."""
-    out = [*_height(found), *_covariance(found)]
+    out = [*_height(found, vehicle), *_covariance(found)]
     if tracks.coarse is not None:
         out += _elsewhere(found, tracks.coarse)
     out += _velocity_axes(found, computable=tracks.doppler is not None)
     return out
 
 
-def _height(found: GnssFixes) -> list[Finding]:
+def _height(found: GnssFixes, vehicle: Vehicle) -> list[Finding]:
     lla = ecef_to_lla(found.pos_e)
     height = lla[:, 2]
     travelled = float(np.linalg.norm(np.diff(found.pos_e, axis=0), axis=1).sum())
@@ -243,8 +247,8 @@ def _height(found: GnssFixes) -> list[Finding]:
         text = f"always {height[0]:.1f} m over {travelled:.0f} m of way: it is missing"
         return [Finding("fatal", subject, text, "give the ellipsoidal height")]
     middle = float(np.median(height))
-    if not -450.0 < middle < 6000.0:
-        text = f"{middle:.0f} m above the ellipsoid: no road is there"
+    if not -450.0 < middle < vehicle.max_height:
+        text = f"{middle:.0f} m above the ellipsoid: no road is there, and {vehicle.words} neither"
         return [
             Finding(
                 "fatal", subject, text, "check order, unit and sign of latitude, longitude, height",

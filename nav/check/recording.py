@@ -24,6 +24,7 @@ from ...filters.rotation import FloatArray
 from ...velocity.tracks import Track, Tracks, differenced, thinned, tracks
 from ..config import GnssConfig
 from ..notes import clock
+from ..vehicles import VEHICLES, would_explain
 from . import axes, motion, timing
 from .findings import Finding, Report, in_order
 from .gnss import gnss_findings
@@ -60,7 +61,7 @@ _NEEDED_BY_MOUNTING = (
 )
 
 
-def check(path: str | Path, options: Mapping[str, Any] | None = None) -> Report:
+def check(path: str | Path, options: Mapping[str, Any] | None = None, kind: str = "car") -> Report:
     """Load a recording and test it against physics.
 
     Parameters
@@ -69,6 +70,8 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None) -> Report:
         Anything `datasets.loading.load` reads.
     options : mapping, optional
         Options of the reader, as in the configuration's section ``data``.
+    kind : str
+        What moves, of `nav.vehicles.VEHICLES`.
 
     Returns
     -------
@@ -84,10 +87,12 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None) -> Report:
             sequence = load(path, **dict(options or {}))
     except (DataError, ConfigError) as error:
         return Report(str(path), (), (refusal(error),))
-    found = check_sequence(sequence)
+    found = check_sequence(sequence, kind=kind)
     if not any(f.severity == "fatal" for f in found):
-        found += [refusal(error) for error, _ in refused]
-    if not any(f.severity != "note" and f.subject in _NEEDED_BY_MOUNTING for f in found):
+        holds = VEHICLES[kind].holds_course
+        found += [refusal(error) for error, against in refused if holds or against != "course"]
+    doubted = any(f.severity != "note" and f.subject in _NEEDED_BY_MOUNTING for f in found)
+    if VEHICLES[kind].holds_course and not doubted:
         found += mounting_findings(sequence)
     return Report(str(path), contents(sequence), in_order(found))
 
@@ -104,7 +109,9 @@ def refusal(error: NavError) -> Finding:
     return Finding("fatal", subject, problem, remedy)
 
 
-def check_sequence(sequence: Sequence, gnss: GnssConfig | None = None) -> list[Finding]:
+def check_sequence(
+    sequence: Sequence, gnss: GnssConfig | None = None, kind: str = "car"
+) -> list[Finding]:
     """Test a recording that has been read.
 
     Parameters
@@ -112,10 +119,12 @@ def check_sequence(sequence: Sequence, gnss: GnssConfig | None = None) -> list[F
     sequence : Sequence
     gnss : GnssConfig, optional
         For what a run would screen out.
+    kind : str
+        What moves, of `nav.vehicles.VEHICLES`: it sets which tests apply.
     """
     found = tracks(sequence)
     min_cn0 = (gnss or GnssConfig()).min_cn0_dbhz
-    gnss_found = gnss_findings(sequence, found, min_cn0)
+    gnss_found = gnss_findings(sequence, found, min_cn0, VEHICLES[kind])
     if sequence.fixes is not None and any(
         f.severity == "fatal" and f.subject == "GNSS velocity" for f in gnss_found
     ):
@@ -126,7 +135,8 @@ def check_sequence(sequence: Sequence, gnss: GnssConfig | None = None) -> list[F
         *dates(sequence),
         *overlap(sequence),
         *gnss_found,
-        *_imu(sequence, found),
+        *limits(found.gnss, kind),
+        *_imu(sequence, found, kind),
         *(axes.odometer(sequence, found.gnss) if found.gnss is not None else ()),
         *reference_findings(sequence, found, _positions(sequence)),
         *undeclared(sequence),
@@ -141,7 +151,7 @@ def check_sequence(sequence: Sequence, gnss: GnssConfig | None = None) -> list[F
     return list(in_order(_causes_only(out)))
 
 
-def _imu(sequence: Sequence, found: Tracks) -> Iterator[Finding]:
+def _imu(sequence: Sequence, found: Tracks, kind: str) -> Iterator[Finding]:
     """Test the IMU by itself, then its time, then, with time put right, its axes."""
     if sequence.imu is None:
         remedy = "a run needs accelerometers and gyros; speed and yaw rate only serve alignment"
@@ -163,8 +173,12 @@ def _imu(sequence: Sequence, found: Tracks) -> Iterator[Finding]:
         cannot = "units and axes cannot be told: no Doppler, no reference, only rough positions"
         yield Finding("note", "IMU axes", cannot)
         return
-    yield from axes.gyro(imu, track)
-    yield from axes.accelerometer(imu, track)
+    if VEHICLES[kind].holds_course:
+        for finding in (*axes.gyro(imu, track), *axes.accelerometer(imu, track)):
+            yield _with_kinds(finding, kind)
+    else:
+        words = f"not tested against the course, which is not the heading of {VEHICLES[kind].words}"
+        yield Finding("note", "IMU axes", words)
     reference = sequence.reference
     if reference is None or found.reference is None:
         return
@@ -175,6 +189,37 @@ def _imu(sequence: Sequence, found: Tracks) -> Iterator[Finding]:
         for finding in timing.offset_findings(against, "reference", expected):
             # Not fatal: a run does not need the reference.
             yield dataclasses.replace(finding, severity="doubtful")
+
+
+def _with_kinds(finding: Finding, kind: str) -> Finding:
+    """Add to what contradicts the course whose course need not be the heading."""
+    other = would_explain(lambda v: not v.holds_course, kind)
+    if finding.severity == "note" or not finding.remedy or not other:
+        return finding
+    return dataclasses.replace(finding, remedy=f"{finding.remedy}; {other}")
+
+
+def limits(track: Track | None, kind: str) -> list[Finding]:
+    """Test whether the vehicle moves as its kind can: speed, and rate of climb and descent."""
+    if track is None or not track.precise:
+        return []
+    known = np.isfinite(track.vel_n).all(axis=1)
+    if known.sum() < 20:
+        return []
+    # What is exceeded for a twentieth of the time is no outlier.
+    speed = float(np.percentile(track.speed[known], 95))
+    climb = float(np.percentile(np.abs(track.vel_n[known, 2]), 95))
+    vehicle, out = VEHICLES[kind], []
+    numbers = {"speed_p95_mps": speed, "height_rate_p95_mps": climb}
+    if speed > vehicle.max_speed:
+        text = f"{speed:.0f} m/s (95 %): {vehicle.words} is not so fast"
+        remedy = would_explain(lambda v: v.max_speed > speed, kind)
+        out.append(Finding("doubtful", "speed", text, remedy, numbers))
+    if climb > vehicle.max_height_rate:
+        text = f"changes by {climb:.0f} m/s (95 %): {vehicle.words} does not climb so fast"
+        remedy = would_explain(lambda v: v.max_height_rate > climb, kind)
+        out.append(Finding("doubtful", "height", text, remedy, numbers))
+    return out
 
 
 def _judge(found: Tracks, offset: timing.Offset | None) -> Track | None:

@@ -17,7 +17,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``certnav check`` to its parser."""
     parser.add_argument("path", type=Path, help="folder of the recording")
     parser.add_argument(
-        "--set", action="append", default=[], metavar="data.KEY=VALUE", help="reader option"
+        "--set",
+        action="append",
+        default=[],
+        metavar="SECTION.KEY=VALUE",
+        help="reader option (data.KEY), or vehicle.kind; repeatable",
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of the page")
 
@@ -29,9 +33,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ..config_files import load_config
 
     config = load_config(None, arguments.set)
-    if any(not text.startswith("data.") for text in arguments.set):
-        raise ConfigError("--set: expected data.KEY=VALUE, an option of the reader")
-    report = check(arguments.path, config.data)
+    if any(not text.startswith(("data.", "vehicle.kind=")) for text in arguments.set):
+        raise ConfigError(
+            "--set: expected data.KEY=VALUE, an option of the reader, or vehicle.kind"
+        )
+    report = check(arguments.path, config.data, config.vehicle.kind)
     if arguments.json:
         print(json.dumps(report.as_dict(), indent=2, ensure_ascii=False, allow_nan=False))
     else:

@@ -9,6 +9,7 @@ from pathlib import Path
 from ...datasets.cache import kept_in
 from ...datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
 from ...datasets.loading import load
+from ...datasets.physics import Refusal, collected_refusals
 from ...datasets.sequence import Sequence
 from ...filters.errors import DataError
 from ..check.recording import check_sequence
@@ -18,6 +19,7 @@ from ..notes import Note
 from ..pipeline import navigate
 from ..results.directory import check_replaceable, write_result
 from ..solution import Solution
+from ..vehicles import VEHICLES, would_explain
 from .progress import announce_kernels, progress
 
 
@@ -42,10 +44,12 @@ def navigate_folder(
     announce_kernels()
     with progress() as report, kept_in(cache_folder(out)):
         report(0.0, "reading")
-        sequence = cut(load(path, **config.data), start, end)
+        with collected_refusals() as refused:
+            sequence = cut(load(path, **config.data), start, end)
+        passed_over = waived(refused, config, checked)
         out = Path("results") / sequence.name if out is None else out
         check_replaceable(out)
-        found = _checked(sequence, config) if checked else ()
+        found = (*passed_over, *_checked(sequence, config, checked))
         read = time.perf_counter() - began
         solution = navigate(sequence, config, report)
         solution = with_findings(solution, found)
@@ -88,13 +92,38 @@ def judged(solution: Solution, sequence: Sequence) -> tuple[Solution, Evaluation
         return dataclasses.replace(solution, notes=notes), without_reference(nis)
 
 
-def _checked(sequence: Sequence, config: Config) -> tuple[Note, ...]:
-    """Return what is doubtful; refuse what is fatal."""
-    findings = check_sequence(sequence, config.gnss)
+def waived(refused: list[Refusal], config: Config, checked: bool) -> tuple[Note, ...]:
+    """Return as notes what a reader refused by physics, and may pass; refuse the rest."""
+    notes = []
+    for error, against in refused:
+        kind = VEHICLES[config.vehicle.kind]
+        if against == "course" and not kind.holds_course:
+            notes.append(Note("note", f"not asked of {kind.words}: {error}"))
+        elif not checked:
+            notes.append(Note("doubtful", f"unchecked: {error}"))
+        else:
+            remedy = error.remedy or ""
+            if against == "course":
+                other = would_explain(lambda v: not v.holds_course, config.vehicle.kind)
+                remedy = f"{remedy}; {other}"
+            raise DataError(
+                error.problem, file=error.file, line=error.line, remedy=_way_out(remedy)
+            )
+    return tuple(notes)
+
+
+def _way_out(remedy: str) -> str:
+    return f"{remedy}; to navigate it all the same: --unchecked".removeprefix("; ")
+
+
+def _checked(sequence: Sequence, config: Config, checked: bool) -> tuple[Note, ...]:
+    """Return what is doubtful; refuse what is fatal, unless it is not to be checked."""
+    findings = check_sequence(sequence, config.gnss, config.vehicle.kind) if checked else []
     for finding in findings:
         if finding.severity == "fatal":
             raise DataError(
-                f"{sequence.name}: {finding.subject}: {finding.found}", remedy=finding.remedy
+                f"{sequence.name}: {finding.subject}: {finding.found}",
+                remedy=_way_out(finding.remedy),
             )
     return tuple(
         Note("doubtful", f"{f.subject}: {f.found}") for f in findings if f.severity == "doubtful"

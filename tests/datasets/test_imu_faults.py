@@ -82,7 +82,7 @@ def test_coarse_converters_repeat_values(seed, gyro, accel):
     assert found(coarse) == []
 
 
-@pytest.mark.parametrize("times", [2, 5, 10])
+@pytest.mark.parametrize("times", [2, 5, 10, 30])
 def test_rows_printed_faster_than_the_sensor_reports(times):
     imu = drive()
     hold = np.arange(len(imu)) // times * times
@@ -95,6 +95,9 @@ def test_exact_data_at_rest():
     stands = (imu.time < 40.0) | (imu.time > 100.0)
     gyro, accel = imu.gyro_b.copy(), imu.accel_b.copy()
     gyro[stands], accel[stands] = 0.0, [0.0, 0.0, -9.8]
+    assert blind_stretches(ImuData(imu.time, gyro, accel), ~stands) == []
+    # One that only turns right: zero is its least value, and its usual one.
+    gyro = np.where(stands[:, None], 0.0, np.abs(imu.gyro_b))
     assert blind_stretches(ImuData(imu.time, gyro, accel), ~stands) == []
 
 

@@ -108,3 +108,12 @@ def test_no_table_is_ever_half_read(tmp_path, text):
     file.write_text(text)
     with pytest.raises(NavError, match=r"t\.txt"):
         read_table(file, ("a", "b", "c"))
+
+
+def test_a_folder_of_recordings_names_them(tmp_path):
+    """Of GREAT sequences also as the catalogue calls them, which `--great` takes."""
+    for name in ("Dataset_campus-01", "Dataset_campus-02"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "great.toml").write_text("")
+    with pytest.raises(DataError, match=r"campus-01, Dataset_campus-02.*--great campus-01"):
+        recognise(tmp_path)

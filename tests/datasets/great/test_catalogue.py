@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+import pytest
+
 from certnav.datasets import gpstime
-from certnav.datasets.great.catalogue import GREAT, PAGE, catalogue_text, entry, named_in
+from certnav.datasets.great.catalogue import (
+    GREAT,
+    PAGE,
+    catalogue_text,
+    entry,
+    great_sequence,
+    named_in,
+)
+from certnav.filters.errors import ConfigError
 
 
 def test_week_and_day_are_those_of_the_date():
@@ -26,6 +36,20 @@ def test_names_however_spelt():
     assert named_in("suburb02_IMU.zip").name == "suburb-02"
     assert named_in("IMU.zip") is None
     assert named_in("campus-01 and campus-02") is None
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ("campus-09", "of campus there are campus-01, campus-02, campus-03, campus-night$"),
+        ("Urban_7", "of urban there are urban-01, urban-02$"),
+        ("suburb", "of suburb there are suburb-01, suburb-02$"),
+        ("cmpus-01", "did you mean 'campus-01'"),
+    ],
+)
+def test_a_name_that_is_none_is_answered_by_its_place(tmp_path, asked, words):
+    with pytest.raises(ConfigError, match=words):
+        great_sequence(tmp_path, asked, {})
 
 
 def test_the_table_says_what_is_known_and_fits_a_terminal():

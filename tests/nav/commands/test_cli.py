@@ -11,10 +11,15 @@ import numpy as np
 import pytest
 
 from certnav.datasets.great.writer import simulate_folder
+from certnav.datasets.physics import Refusal
 from certnav.datasets.simulation.simulator import SimulationConfig
+from certnav.filters.errors import DataError
 from certnav.nav.commands import cli
 from certnav.nav.commands.cli import main
+from certnav.nav.commands.navigation import waived
+from certnav.nav.config import Config, VehicleConfig
 from certnav.nav.results.directory import read_result
+from oracles.damage import imu_rows
 
 
 @pytest.fixture(scope="module")
@@ -321,3 +326,43 @@ def test_real_recordings_run(name, limit, data_dir, tmp_path):
     outside = ("before alignment", "after the IMU data")
     missed = sum(velocity["rejected"].get(reason, 0) for reason in outside)
     assert velocity["accepted"] > 0.8 * (velocity["offered"] - missed)
+
+
+def test_unchecked_means_it_in_readers_too(copy, tmp_path, capsys):
+    """Gravity 8 % off is refused by the reader, with the way out; then it is a doubtful note."""
+
+    def scaled(rows):
+        rows[:, 4:7] *= 1.08
+        return rows
+
+    imu_rows(copy, scaled)
+    line = refuse(capsys, "run", copy, "--out", tmp_path / "out")
+    assert "expected a mean of 9.8 m/s²" in line and line.endswith("--unchecked")
+    assert main(["run", str(copy), "--out", str(tmp_path / "out"), "--unchecked"]) in (0, 2, 3)
+    notes = read_result(tmp_path / "out").solution.notes
+    assert any(n.doubtful and n.text.startswith("unchecked: ") for n in notes)
+
+
+def test_unchecked_does_not_read_what_cannot_be_read(copy, tmp_path, capsys):
+    def nan(rows):
+        rows[100, 5] = np.nan
+        return rows
+
+    imu_rows(copy, nan)
+    line = refuse(capsys, "run", copy, "--out", tmp_path / "out", "--unchecked")
+    assert "expected a finite number" in line
+
+
+def test_what_a_reader_refuses_against_the_course_is_not_asked_of_a_boat():
+    """Its own test of the gyro steps aside; gravity is the same at sea."""
+    gyro = Refusal(DataError("the gyro contradicts the course", remedy="check axes"), "course")
+    gravity = Refusal(DataError("a mean of 9.8 m/s²", remedy="check units"), "gravity")
+    car, boat = Config(), Config(vehicle=VehicleConfig(kind="boat"))
+    with pytest.raises(DataError, match=r"check axes; if this is .* a boat.*--unchecked"):
+        waived([gyro], car, checked=True)
+    (note,) = waived([gyro], boat, checked=True)
+    assert not note.doubtful and note.text.startswith("not asked of a boat")
+    with pytest.raises(DataError, match=r"check units; to navigate .*--unchecked"):
+        waived([gyro, gravity], boat, checked=True)
+    assert [n.doubtful for n in waived([gyro, gravity], boat, checked=False)] == [False, True]
+    assert all(n.doubtful for n in waived([gyro, gravity], car, checked=False))
