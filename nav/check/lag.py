@@ -29,7 +29,9 @@ SEARCH = 40.0
 _COARSE, _FINE, _FINE_SPAN = 0.2, 0.02, 0.5
 #: The integral is put on a grid of this step, so that shifting it needs no search [s].
 _GRID = 0.02
-_BLOCKS = 16
+#: Blocks of the drive, and how many in a row are left out for a σ: what makes the parts of a drive
+#: disagree lasts for a while.
+_BLOCKS, _IN_JACKKNIFE = 16, 2
 _LAGS_AT_ONCE = 32  # what they need stays in the processor's cache
 _MIN_ROWS = 24
 _MAX_ROWS = 500
@@ -116,7 +118,7 @@ def find_lag(
     if best is None:
         return None
     fine = best + np.arange(-_FINE_SPAN, _FINE_SPAN + _FINE / 2, _FINE)
-    per_part = grams.explained_by_part(fine)
+    per_part = grams.explained_by_part(fine, _IN_JACKKNIFE, _IN_JACKKNIFE)
     if np.argmax(per_part[:, 0]) in (0, fine.size - 1):
         return None  # no peak but a slope: the true one lies outside the search
     lag = _vertex(fine, per_part[:, 0])
@@ -154,6 +156,7 @@ def fit_increments(
     """
     grams = _Grams(time, integral, start, end, y[:, None])
     blocks = grams.at([0.0])[0]
+    blocks = blocks.reshape(-1, _IN_JACKKNIFE, *blocks.shape[1:]).sum(axis=1)
     total = blocks.sum(axis=0)
     p = integral.shape[1]
     if total[0, 0] < _MIN_ROWS:
@@ -219,15 +222,16 @@ class _Grams:
         before = self.integral[k]
         return before + (position - k)[..., None] * (self.integral[k + 1] - before)
 
-    def explained_by_part(self, lags: FloatArray, together: int = 1) -> FloatArray:
-        """Return the share explained with all blocks (column 0) and with one left out each.
+    def explained_by_part(self, lags: FloatArray, together: int, step: int = 1) -> FloatArray:
+        """Return the share explained with all blocks (column 0) and with some left out each.
 
-        `together` neighbours are left out at a time.
+        So many blocks `together` at a time, beginning at every `step`-th.
         """
         blocks = self.at(lags)
         total = blocks.sum(axis=1)
-        left_out = [blocks[:, k : k + together].sum(axis=1) for k in range(_BLOCKS + 1 - together)]
-        return np.column_stack([self.share(total), *(self.share(total - out) for out in left_out)])
+        first = range(0, _BLOCKS + 1 - together, step)
+        without = [total - blocks[:, k : k + together].sum(axis=1) for k in first]
+        return np.column_stack([self.share(total), *(self.share(gram) for gram in without)])
 
     def share(self, gram: FloatArray) -> FloatArray:
         """Return 1 − residual/variance, both summed over the columns of y."""

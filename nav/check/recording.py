@@ -192,9 +192,12 @@ def _imu(sequence: Sequence, found: Tracks, kind: str) -> Iterator[Finding]:
 
 
 def _with_kinds(finding: Finding, kind: str) -> Finding:
-    """Add to what contradicts the course whose course need not be the heading."""
+    """Add to what contradicts the course whose course need not be the heading.
+
+    Not to what is certain: units and exchanged axes are none of that.
+    """
     other = would_explain(lambda v: not v.holds_course, kind)
-    if finding.severity == "note" or not finding.remedy or not other:
+    if finding.severity != "doubtful" or not finding.remedy:
         return finding
     return dataclasses.replace(finding, remedy=f"{finding.remedy}; {other}")
 
