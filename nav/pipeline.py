@@ -86,7 +86,8 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     updates = tuple(update for leg in made for update in leg.updates)
     notes = [
         *said, *plain(sequence.notes), *timeline.notes, *_imu_gaps(sequence),
-        *blind_notes(spells, blind), *doubts(updates, config.filter.gate_probability),
+        *blind_notes(spells, blind),
+        *doubts(updates, config.filter.gate_probability),
     ]  # fmt: skip
     if status == "ok" and any(note.doubtful for note in notes):
         status = "doubtful"

@@ -91,7 +91,8 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None, kind: str 
     if not any(f.severity == "fatal" for f in found):
         holds = VEHICLES[kind].holds_course
         found += [refusal(error) for error, against in refused if holds or against != "course"]
-    if not any(f.severity != "note" and f.subject in _NEEDED_BY_MOUNTING for f in found):
+    doubted = any(f.severity != "note" and f.subject in _NEEDED_BY_MOUNTING for f in found)
+    if VEHICLES[kind].holds_course and not doubted:
         found += mounting_findings(sequence)
     return Report(str(path), contents(sequence), in_order(found))
 

@@ -13,7 +13,7 @@ from certnav.filters.error_model import ATT, POS, VEL
 from certnav.filters.strapdown import InertialStream
 from certnav.nav.config import Config
 from certnav.nav.config_files import from_tables
-from certnav.nav.engine.blind import Spell, blind_axes, blind_spells, is_gap, propagate
+from certnav.nav.engine.blind import Spell, blind_axes, blind_spells, gap, is_gap, propagate
 from certnav.nav.engine.events import GnssEvent, missing
 from certnav.nav.engine.gnss import gnss_timeline
 from certnav.nav.engine.model import error_model
@@ -104,6 +104,10 @@ def speed(time, metres_per_second=10.0, kind="velocity"):
     return GnssEvent(time, kind, np.array([metres_per_second, 0.0, 0.0]), np.eye(3))
 
 
+def spans_of(imu, events):
+    return [(spell.begin, spell.end) for spell in blind_spells(imu, blind_axes(imu, events))]
+
+
 def repeating(first, last, imu):
     """The rows first … last are equal."""
     gyro_b = imu.gyro_b.copy()
@@ -114,44 +118,48 @@ def repeating(first, last, imu):
 def test_a_sensor_is_frozen_after_a_fifth_of_a_second_and_six_equal_rows():
     moving = [speed(2.0)]
     for last, found in ((219, False), (221, True)):
-        spells = blind_spells(repeating(200, last, noise(400)), moving)
-        assert spells == ([(2.01, (last + 1) / 100.0)] if found else [])
+        spans = spans_of(repeating(200, last, noise(400)), moving)
+        assert spans == ([(2.01, (last + 1) / 100.0)] if found else [])
     for last, found in ((24, False), (25, True)):  # at 10 Hz
-        spells = blind_spells(repeating(20, last, noise(40, 10.0)), moving)
-        assert spells == ([(2.1, (last + 1) / 10.0)] if found else [])
+        spans = spans_of(repeating(20, last, noise(40, 10.0)), moving)
+        assert spans == ([(2.1, (last + 1) / 10.0)] if found else [])
 
 
-@pytest.mark.parametrize(("event", "found"), [
-    (speed(1.02), True), (speed(1.0), False), (speed(3.99), True), (speed(4.02), False),
-    (speed(2.5, 0.49), False), (speed(2.5, 0.51), True), (speed(2.5, kind="position"), False),
-    (missing(2.5, "velocity", "too few"), False),
+@pytest.mark.parametrize(("events", "found"), [
+    ([speed(1.02)], True), ([speed(3.99)], True), ([speed(5.5)], True),
+    ([speed(2.5, 0.49)], False), ([speed(2.5, 0.51)], True), ([speed(2.5, kind="position")], False),
+    ([missing(2.5, "velocity", "too few")], False),
+    ([speed(1.5), speed(9.0, 0.0)], True), ([speed(0.2, 0.0), speed(9.0)], False),
+    ([speed(1.0, 0.0), speed(2.1), speed(4.0, 0.0)], True),
 ])  # fmt: skip
-def test_frozen_is_what_repeats_while_gnss_sees_motion(event, found):
-    """Within a second of it, by a velocity that can be used."""
+def test_frozen_is_what_repeats_while_gnss_sees_motion(events, found):
+    """By a velocity that can be used: one within a second, or else the nearest."""
     imu = repeating(200, 300, noise(600))  # 2.01 … 3.01 s
-    assert bool(blind_spells(imu, [event])) == found
+    assert bool(spans_of(imu, events)) == found
 
 
-def test_one_axis_that_repeats_is_no_frozen_sensor():
+def test_one_axis_that_repeats_is_blind_for_itself():
     imu = noise(600)
     gyro_b = imu.gyro_b.copy()
     gyro_b[200:300, 0] = 1.0
-    assert blind_spells(ImuData(imu.time, gyro_b, imu.accel_b), [speed(2.5)]) == []
+    broken = ImuData(imu.time, gyro_b, imu.accel_b)
+    (spell,) = blind_spells(broken, blind_axes(broken, [speed(2.5)]))
+    assert spell == (2.01, 3.0, ((2.01, 3.0), *(None,) * 5))
 
 
-def test_spells_that_overlap_are_one_and_those_apart_are_two():
+def test_spells_do_not_overlap():
     imu = repeating(200, 300, noise(900))
     accel_b = imu.accel_b.copy()
     accel_b[230:260] = accel_b[230]  # within the other
     accel_b[500:600] = accel_b[500]
-    spells = blind_spells(ImuData(imu.time, imu.gyro_b, accel_b), [speed(2.5), speed(5.5)])
-    assert spells == [(2.01, 3.01), (5.01, 6.0)]
+    spans = spans_of(ImuData(imu.time, imu.gyro_b, accel_b), [speed(2.5), speed(5.5)])
+    assert spans == [(2.01, 2.31), (2.31, 2.6), (2.6, 3.01), (5.01, 6.0)]
 
 
 def grown(begin, end, until, sigma=1e-6):
     """Return σ of velocity, tilt and heading after `until` with one spell on the way."""
     kalman = rigs.filter_at_rest(12.0, sigma=(1.0, 1e-6, sigma))
-    propagate(kalman, until, [(begin, end)])
+    propagate(kalman, until, [gap(begin, end)])
     assert kalman.time == pytest.approx(until)
     C_nb = rigs.C_EN.T @ kalman.C_eb
     att = np.sqrt(np.diag(C_nb @ kalman.P[ATT, ATT] @ C_nb.T))
@@ -183,10 +191,10 @@ def test_spells_that_are_over_before_it_begins_change_nothing():
     kalman, other = (rigs.filter_at_rest(6.0) for _ in range(2))
     for each in (kalman, other):
         each.propagate(3.0)
-    propagate(kalman, 5.0, [(0.0, 1.0), (1.5, 3.0), (5.0, 6.0)])
+    propagate(kalman, 5.0, [gap(0.0, 1.0), gap(1.5, 3.0), gap(5.0, 6.0)])
     other.propagate(5.0)
     np.testing.assert_allclose(kalman.P, other.P, rtol=1e-9)
-    propagate(kalman, 5.5, [(4.0, 5.0), (5.2, 5.4), (5.4, 5.5)])
+    propagate(kalman, 5.5, [gap(4.0, 5.0), gap(5.2, 5.4), gap(5.4, 5.5)])
     assert kalman.P[VEL, VEL][0, 0] > other.P[VEL, VEL][0, 0] + 1e-4
     assert kalman.P[POS, POS][0, 0] < 2.0
 
