@@ -14,6 +14,7 @@
     axes             axes of a sensor by name
     gpstime,         GPS seconds from and to calendars; time scales of files
     time_scales
+    imu_faults       inertial axes that are frozen or clipped
     fix_faults       fixes that are none, or repeated in motion
     cache            what is read once and kept
     placing          directories that appear whole

@@ -3,6 +3,7 @@
     config, config_files        what a run is asked, and how it is written down
     solution, notes             what it returns, what it tells
     pipeline, navigator         a whole recording; a live vehicle
+    vehicles                    what kinds of vehicles can do
     rejections                  carried fixes that are not used, in words
     sweep                       much at once: threads, processes, a cluster
 

@@ -33,6 +33,7 @@ NAV = (
     ("engine",),
     ("_frames", "config_files", "rejections", "solution", "sweep"),
     ("config", "notes"),
+    ("vehicles",),
 )
 NEIGHBOURS = {("compare", "windows")}
 #: A folder is seen at a glance, a module read in one sitting.

@@ -20,6 +20,7 @@ from ...filters.errors import DataError
 from ...filters.measurements import Measurement
 from ..config import Config
 from ..solution import UPDATE_KINDS, Update
+from ..vehicles import VEHICLES
 from . import blind
 from .doppler_update import DopplerUpdates
 from .events import GnssEvent
@@ -74,7 +75,8 @@ class FilterLoop:
         wanted = config.gnss.forward_motion
         # Where the vehicle's constraint is in force, it has said so already.
         forward = (wanted == "on" or (wanted == "auto" and mounted)) and not vehicle.nhc
-        self._sanity = Sanity(Limits())
+        kind = VEHICLES[config.vehicle.kind]
+        self._sanity = Sanity(Limits(kind.max_speed, kind.max_height_rate))
         self._fixes = FixUpdates(kalman, calibration, config.filter)
         self._doppler = DopplerUpdates(kalman, calibration, config, forward, self.updates.append)
 

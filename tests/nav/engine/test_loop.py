@@ -8,6 +8,7 @@ import pytest
 from certnav.filters.error_model import POS, VEL
 from certnav.filters.errors import DataError
 from certnav.nav.config_files import from_tables
+from certnav.nav.engine.blind import gap
 from certnav.nav.engine.events import GnssEvent, missing
 from certnav.nav.engine.fix_update import ENLARGED
 from certnav.nav.engine.loop import Diverged, FilterLoop
@@ -119,16 +120,16 @@ def test_the_last_position_before_the_start_is_the_one_the_filter_began_with():
 
 def test_spells_that_are_over_are_taken_out_and_those_to_come_widen():
     kalman = rigs.filter_at_rest(8.0)
-    spells = deque([(0.5, 1.0), (3.0, 5.0)])
+    spells = deque([gap(0.5, 1.0), gap(3.0, 5.0)])
     loop = loop_of(kalman, spells=spells)
     loop.advance(2.0)
     before = kalman.P[VEL, VEL][0, 0]
     loop.advance(2.9)
-    assert list(spells) == [(3.0, 5.0)]
+    assert list(spells) == [gap(3.0, 5.0)]
     assert kalman.P[VEL, VEL][0, 0] < before + 0.1
     loop.advance(4.0)  # 2 m/s² for a second, and what the tilt adds
     assert before + 4.0 < kalman.P[VEL, VEL][0, 0] < before + 4.5
-    spells.append((6.0, 7.0))  # as a live stream does
+    spells.append(gap(6.0, 7.0))  # as a live stream does
     loop.advance(7.5)
     assert kalman.P[VEL, VEL][0, 0] > before + 16.0 + 4.0
     assert loop_of(kalman).spells == deque()

@@ -55,12 +55,13 @@ def test_one_that_is_accepted_begins_it_anew():
 def test_a_failed_attempt_is_repeated_after_two_seconds():
     patience = refusing(8.0, [0.0, 1.0])
     patience.failed(10.0)
-    assert patience.lasted == 6.0
+    for limit in (None, 2.0):  # whatever the evidence
+        assert not patience.over(11.9, limit) and patience.over(12.0, limit)
+    patience.refused(11.0)
     assert not patience.over(11.9) and patience.over(12.0)
-    short = refusing(1.5, [0.0, 1.0])
-    short.failed(1.5)
-    assert short.lasted == 0.0  # never less than nothing
-    assert not short.over(2.9) and short.over(3.0)
+    patience.accepted()
+    patience.refused(11.5)
+    assert not patience.over(13.0)
 
 
 def test_better_evidence_has_a_limit_of_its_own():
