@@ -8,7 +8,6 @@
     series           ImuData, Odometer, Reference
     observations     GnssObservations row by row, and GnssFixes
     fields           what their arrays are held to
-    fix_faults       carried fixes that are none
     physics          gravity and the course against the units and axes declared
     displacement     positions against velocities, by regression
     axes             axes of a sensor by name

@@ -16,7 +16,7 @@ from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of
 from ...filters.errors import NavError
 from ...filters.levers import rate_over_earth
-from ...filters.rotation import FloatArray
+from ...filters.rotation import FloatArray, wrap_angle
 from ...velocity.mounting import Mounting, calibrate_mounting
 from ...velocity.tracks import Track, tracks
 from ..config import AlignmentConfig, Config, FilterConfig, VehicleConfig
@@ -29,6 +29,9 @@ from .motion import COURSE_SPEED
 _LONGEST = 300.0
 #: Less turning than this shows no heading [rad].
 _TURNING = np.pi / 2
+#: Straight driving that a mounting takes: speed [m/s], time [s], and what a course may turn in it,
+#: with the noise of velocities [rad/s].
+_FAST, _DRIVEN, _STRAIGHT = 5.0, 20.0, np.radians(3.0)
 #: What tracks are trusted with: positions, of which only gravity's direction is taken [m], and
 #: velocities [m/s].
 _SIGMA_POS, _SIGMA_VEL = 50.0, 0.2
@@ -77,7 +80,7 @@ def mounting_findings(sequence: Sequence) -> list[Finding]:
 
 
 def _most_turning(track: Track) -> Track | None:
-    """Return the stretch of the track that turns most; None where none turns enough."""
+    """Return the stretch of the track that turns most; None where it shows nothing."""
     known = np.isfinite(track.vel_n).all(axis=1)
     time = track.time[known]
     if time.size < 20:
@@ -89,7 +92,10 @@ def _most_turning(track: Track) -> Track | None:
         turning = track_turning(course[part])
         if turning > most:
             best, most = part, turning
-    if best.start == best.stop:
+    step = np.diff(time[best])
+    rate = np.abs(wrap_angle(np.diff(course[best]))) / step  # NaN where slow: not straight
+    straight = (rate < _STRAIGHT) & (track.speed[known][best][1:] > _FAST)
+    if step[straight].sum() < _DRIVEN:
         return None
     rows = np.flatnonzero(known)[best]
     return Track(track.name, track.time[rows], track.pos_e[rows], track.vel_n[rows], track.precise)
@@ -120,6 +126,7 @@ def _measured(sequence: Sequence, track: Track) -> tuple[Mounting, FloatArray]:
         solution.C_eb,
         rate_over_earth(solution.C_eb, rate - solution.gyro_bias),
         lever_b=sequence.calibration.lever_vehicle_b,
+        min_speed=_FAST,
     )
     north, east, down = np.sqrt(np.diagonal(solution.cov_att_n, axis1=1, axis2=2)).T
     # Errors of level and heading last: they do not average out over a drive.
