@@ -62,10 +62,9 @@ class Sanity:
             return
         if self._since is None:
             self._since = kalman.time
-        if kalman.time - self._since >= _LASTING:
-            raise Lost(
-                f"{what} for {kalman.time - self._since:.1f} s: no vehicle of this kind does"
-            )
+        lasted = kalman.time - self._since
+        if lasted >= _LASTING:
+            raise Lost(f"{what} for {lasted:.1f} s, as no vehicle of its kind (vehicle.kind)")
 
     def doubted(self, time: float, kind: str) -> None:
         """Take note that the filter was doubted for a measurement; raise `Lost` if too often."""

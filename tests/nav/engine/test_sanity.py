@@ -61,7 +61,7 @@ def test_limits_are_the_vehicles():
 def test_one_wild_epoch_is_the_gates_business():
     wild = moving(200.0 * NORTH)
     assert not lost(wild, times=(0.0, 0.99))
-    assert lost(wild, times=(0.0, 0.99, 1.0)).endswith("for 1.0 s: no vehicle of this kind does")
+    assert lost(wild, times=(0.0, 0.99, 1.0)).endswith("as no vehicle of its kind (vehicle.kind)")
     sanity, sound = Sanity(Limits()), moving(NORTH)
     for time in (0.0, 0.5, 1.0, 1.5):  # wild, sound, wild, wild: half a second at most
         kalman = sound if time == 0.5 else wild
