@@ -8,6 +8,7 @@ import pytest
 from certnav.alignment.direction import log_odds
 from certnav.alignment.levelling import VelocityTrack, level_and_course
 from certnav.filters.earth import OMEGA_IE_E, C_en_of, gravity_e, lla_to_ecef
+from certnav.filters.errors import AlignmentError
 from certnav.filters.sensors import imu_preset
 from certnav.filters.strapdown import InertialStream
 
@@ -83,3 +84,15 @@ def test_two_velocities_say_nothing():
         level_and_course(stream, track, np.eye(3), SPEC, backwards=way) for way in (False, True)
     ]
     assert log_odds(stream, few, *ways) == 0.0
+
+
+def test_one_wild_velocity_among_creeping_ones_makes_no_heading():
+    """3.5 m/s once, 1 m/s before and after it: less than 0.6 of the speed asked for."""
+    stream, track = made(lambda t: 1.0, lambda t: 0.0)
+    vel_e = track.vel_e.copy()
+    vel_e[20] *= 3.5 / np.linalg.norm(vel_e[20])
+    wild = VelocityTrack(track.time, vel_e, track.sigma, track.pos_e)
+    with pytest.raises(AlignmentError, match="never reaches"):
+        level_and_course(stream, wild, np.eye(3), SPEC)
+    vel_e[21] *= 1.9 / np.linalg.norm(vel_e[21])
+    assert level_and_course(stream, wild, np.eye(3), SPEC).time == track.time[20]
