@@ -13,19 +13,18 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ..filters.earth import HIGHEST_RADIUS, LOWEST_RADIUS
 from ..filters.rotation import FloatArray
 from .observations import GnssFixes
 
 HELD = "repeats the fix before, though the vehicle moved"
 COPIED = "repeats the fix before: the log is printed faster than the receiver reports"
-#: Radii between which a vehicle on the Earth is [m]: the Dead Sea's shore and 20 km up.
-_LOWEST, _HIGHEST = 6_350_000.0, 6_400_000.0
 #: Nobody drives so far from the median of a recording [m].
 _FAR = 1_000_000.0
 #: Accuracies that nobody has: below, it is a field left empty; above, no fix [m].
 _EMPTY, _ABSURD = 1e-9, 1000.0
 #: Coordinates this close are the same number, written and read [m].
-_SAME = 1e-6
+SAME = 1e-6
 #: Displacement that proves motion, beside four times its own σ [m]: a receiver that holds its
 #: position at rest lets go within less.
 _MOVED, _SIGMAS = 1.0, 4.0
@@ -82,7 +81,7 @@ def _empty(fixes: GnssFixes) -> Iterator[tuple[NDArray[np.bool_], str]]:
     radius = np.linalg.norm(fixes.pos_e, axis=1)
     null = (np.hypot(fixes.pos_e[:, 1], fixes.pos_e[:, 2]) < 1.0) | (radius < 1.0)
     yield null, "no fix: latitude and longitude 0"
-    off = (radius < _LOWEST) | (radius > _HIGHEST)
+    off = (radius < LOWEST_RADIUS) | (radius > HIGHEST_RADIUS)
     yield off, "no fix: not on the Earth"
     sigma = np.sqrt(np.clip(np.diagonal(fixes.pos_cov_e, axis1=1, axis2=2), 0.0, None)).max(axis=1)
     yield sigma < _EMPTY, "stated accuracy 0: unknown"
@@ -99,7 +98,7 @@ def _repeated(fixes: GnssFixes, good: NDArray[np.int64]) -> Iterator[tuple[NDArr
     if good.size < 2:
         return
     pos_e, time = fixes.pos_e[good], fixes.time[good]
-    same = np.abs(np.diff(pos_e, axis=0)).max(axis=1) < _SAME
+    same = np.abs(np.diff(pos_e, axis=0)).max(axis=1) < SAME
     if not same.any():
         return
     starts, ends = _runs(same)
@@ -108,7 +107,7 @@ def _repeated(fixes: GnssFixes, good: NDArray[np.int64]) -> Iterator[tuple[NDArr
     counts = ends - starts
     fresh = np.flatnonzero(~same) + 1
     apart = np.linalg.norm(np.diff(pos_e[np.concatenate([[0], fresh])], axis=0), axis=1)
-    in_motion = int((apart > _SAME).sum()) + int(counts[moving].sum())
+    in_motion = int((apart > SAME).sum()) + int(counts[moving].sum())
     short = counts <= 2 * np.median(counts[moving]) if moving.any() else moving
     copied = moving.sum() >= _MANY and counts[moving & short].sum() >= _PRINTED * in_motion
     if copied:
@@ -157,8 +156,8 @@ def _moves(
         way = 0.5 * _SETTING_OFF * since**2
         if fixes.has_velocity[j]:
             way = max(way, float(np.linalg.norm(fixes.vel_e[j])) * since)
-        sigma = _sigma(fixes.pos_cov_e[i] + fixes.pos_cov_e[j])
-        if moved > max(_MOVED, _SIGMAS * sigma, 1.2 * way):
+        cov = fixes.pos_cov_e[i] + fixes.pos_cov_e[j]
+        if moved > max(least_motion(cov), 1.2 * way):
             return True
     if not fixes.has_velocity[i]:
         return False
@@ -167,7 +166,12 @@ def _moves(
     # The way that even the strongest braking would have left behind.
     braked = min(lasted, max(slowest, 0.0) / _BRAKING)
     way = slowest * braked - 0.5 * _BRAKING * braked**2
-    return way > max(_MOVED, _SIGMAS * _sigma(fixes.pos_cov_e[i]))
+    return way > least_motion(fixes.pos_cov_e[i])
+
+
+def least_motion(cov_e: FloatArray) -> float:
+    """Return the displacement that proves motion where a position has that covariance [m]."""
+    return max(_MOVED, _SIGMAS * _sigma(cov_e))
 
 
 def _sigma(cov: FloatArray) -> float:

@@ -22,6 +22,9 @@ EARTH_RATE = 7.2921151467e-5
 #: Geocentric gravitational constant [m³/s²] and second zonal harmonic of WGS 84.
 GM = 3.986004418e14
 J2 = 1.082629821e-3
+#: Distances to the Earth's centre between which vehicles are [m]: 7 km below the ellipsoid at the
+#: poles, 22 km above it at the equator.
+LOWEST_RADIUS, HIGHEST_RADIUS = 6_350_000.0, 6_400_000.0
 #: Speed of light [m/s].
 SPEED_OF_LIGHT = 299792458.0
 

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from ...datasets.fix_faults import SAME, least_motion
 from ...datasets.sequence import Calibration
 from ...filters import measurements
 from ...filters.ekf import ErrorStateFilter, Outcome
@@ -15,10 +16,6 @@ from ..config import FilterConfig
 from ..solution import Update
 from .events import GnssEvent
 
-#: A fix that stays the same while the filter moves so far, beside four times its σ, is held [m].
-_MOVED = 1.0
-#: Coordinates this close are the same number [m].
-_SAME = 1e-6
 #: What the log says of a measurement for whose sake the covariance was enlarged.
 ENLARGED = "covariance enlarged after repeated refusal"
 
@@ -49,12 +46,11 @@ class FixUpdates:
         if event.kind != "position":
             return event.kind == "velocity" and event.time == self._held_at
         here_e = self.kalman.pos_e.copy()
-        if self._first is None or np.abs(event.value_e - self._first[0]).max() > _SAME:
+        if self._first is None or np.abs(event.value_e - self._first[0]).max() > SAME:
             self._first = event.value_e, here_e
             return False
         moved = float(np.linalg.norm(here_e - self._first[1]))
-        sigma = float(np.sqrt(np.linalg.eigvalsh(event.cov_e)[-1]))
-        if moved <= max(_MOVED, 4.0 * sigma):
+        if moved <= least_motion(event.cov_e):
             return False
         self._held_at = event.time
         return True

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...filters.earth import HIGHEST_RADIUS, LOWEST_RADIUS
 from ...filters.ekf import ErrorStateFilter
 from ...filters.error_model import VEL
 from ...filters.errors import DataError
@@ -19,8 +20,6 @@ from ...filters.errors import DataError
 _TIMES, _WITHIN = 5, 30.0
 #: How long it may move as no vehicle does [s]: one wild epoch is the gate's business.
 _LASTING = 1.0
-#: Heights between which vehicles are: distance to the Earth's centre [m].
-_LOWEST, _HIGHEST = 6_350_000.0, 6_400_000.0
 
 
 class Lost(DataError):
@@ -77,7 +76,7 @@ class Sanity:
 
     def _impossible(self, kalman: ErrorStateFilter) -> str:
         radius = float(np.linalg.norm(kalman.pos_e))
-        if not _LOWEST < radius < _HIGHEST:
+        if not LOWEST_RADIUS < radius < HIGHEST_RADIUS:
             return f"{(radius - 6_371_000.0) / 1000.0:.0f} km above the Earth's mean radius"
         sigma = float(np.sqrt(np.diag(kalman.P)[VEL].max()))
         speed = float(np.linalg.norm(kalman.vel_e))
