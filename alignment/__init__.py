@@ -12,6 +12,7 @@
     robust
     levelling        the conventional start: levelling and course
     direction        nose or tail first: which of two headings fits the accelerations
+    velocity_matching  how far any heading is off, from how the velocity changes
     status           what is proved of a rotation, in one word
 
     solver/          the certified minimum in microseconds, and the bound around it

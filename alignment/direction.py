@@ -1,4 +1,4 @@
-"""Nose or tail first? Which of two headings, half a turn apart, fits the accelerations.
+"""Nose or tail first? Which of two headings fits the accelerations, and whether one does.
 
 A course says where a vehicle goes, not where it points. Whichever way it points, its velocity
 changes as GNSS sees it; what the accelerometers feel, turned with the wrong heading, is that change
@@ -15,12 +15,15 @@ from ..filters.errors import AlignmentError
 from ..filters.rotation import FloatArray
 from ..filters.strapdown import InertialStream
 from .in_motion.track import inertial_track
-from .levelling import InitialAttitude, VelocityTrack
+from .levelling import LARGEST_SIGMA_HEADING, InitialAttitude, VelocityTrack
+from .velocity_matching import heading_offset
 
 #: How far from the instant of the attitude gyros alone are believed [s].
 _REACH = 30.0
 #: Vibration, time stamps, lever arm: 1σ of a change of velocity, beside GNSS's own [m/s].
 _FLOOR = 0.15
+#: A velocity that counts for less than this beside the others is not one to start from.
+_BORNE_OUT = 0.3
 #: Epochs further apart than this do not make a difference worth having [s].
 _LONGEST = 2.5
 
@@ -46,10 +49,7 @@ def log_odds(
     float
         ln of the likelihood ratio; 0 where nothing tells.
     """
-    inside = (track.time > stream.start + 0.05) & (track.time < stream.end - 0.05)
-    inside &= np.abs(track.time - forwards.time) <= _REACH
-    k = np.flatnonzero(inside)
-    k = k[np.diff(track.time[k], prepend=-np.inf) > 1e-3]
+    k = _epochs_around(stream, track, forwards.time)
     if k.size < 3:
         return 0.0
     try:
@@ -60,6 +60,50 @@ def log_odds(
     # Noise that is larger than assumed makes both fit badly, and the difference worth less.
     scale = max(1.0, min(chi2_f, chi2_b) / max(dof, 1))
     return 0.5 * (chi2_b - chi2_f) / scale
+
+
+def course_fits(stream: InertialStream, track: VelocityTrack, attitude: InitialAttitude) -> str:
+    """Return why a heading from the course is not to be believed; '' where nothing speaks against.
+
+    A velocity that reflections have made has a course, too. The accelerometers bear out neither
+    that velocity nor that heading.
+
+    Parameters
+    ----------
+    stream : InertialStream
+    track : VelocityTrack
+    attitude : InitialAttitude
+        With its heading from a velocity of the track.
+    """
+    k = _epochs_around(stream, track, attitude.time)
+    if k.size < 3:
+        return ""
+    time = np.union1d(track.time[k], [attitude.time])
+    imu = inertial_track(stream, time, attitude.gyro_bias)
+    C_ne = C_en_of(track.pos_e[k[0]]).T
+    C_nw = C_ne @ attitude.C_eb @ imu.C_wb[np.searchsorted(time, attitude.time)].T
+    rows = np.searchsorted(time, track.time[k])
+    found = heading_offset(
+        track.time[k], (track.vel_e[k] @ C_ne.T)[:, :2], track.sigma[k],
+        (imu.dv_w[rows] @ C_nw.T)[:, :2], C_nw @ imu.C_wb[rows],
+    )  # fmt: skip
+    if found is None:
+        return ""
+    limit = max(LARGEST_SIGMA_HEADING, 3.0 * float(np.hypot(found.sigma, attitude.sigma_heading)))
+    off = np.degrees(abs(found.offset))
+    if abs(found.offset) > limit:
+        return f"the accelerations have the heading {off:.0f}° beside the course"
+    used = np.flatnonzero(np.abs(track.time[k] - attitude.time) < 1e-6)
+    if used.size and found.weight[used[0]] < _BORNE_OUT:
+        return "the accelerations do not bear out the velocity that the course is of"
+    return ""
+
+
+def _epochs_around(stream: InertialStream, track: VelocityTrack, time: float) -> np.ndarray:
+    """Return the epochs that gyros reach from a time."""
+    inside = (track.time > stream.start + 0.05) & (track.time < stream.end - 0.05)
+    k = np.flatnonzero(inside & (np.abs(track.time - time) <= _REACH))
+    return np.asarray(k[np.diff(track.time[k], prepend=-np.inf) > 1e-3])
 
 
 def _misfit(

@@ -221,9 +221,11 @@ def _first_fast_epoch(
     steady[1:] |= steady[:-1]
     fast = np.flatnonzero(inside & steady & (speed >= min_speed))
     if not fast.size:
+        fastest = speed[inside].max()
+        twice = "twice in a row " if fastest >= min_speed else ""
         raise AlignmentError(
-            f"no heading: the vehicle never reaches {min_speed:.1f} m/s (fastest "
-            f"{speed[inside].max():.1f} m/s) — lower alignment.min_speed_mps or give "
+            f"no heading: the vehicle never reaches {min_speed:.1f} m/s {twice}(fastest "
+            f"{fastest:.1f} m/s) — lower alignment.min_speed_mps or give "
             "alignment.heading_deg, roll_deg and pitch_deg"
         )
     known = fast[track.sigma[fast] <= max_sigma * speed[fast]]

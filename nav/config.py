@@ -34,16 +34,17 @@ class AlignmentConfig:
     Parameters
     ----------
     method : {'auto', 'certified', 'level+course', 'given'}
-        'auto': 'given' when roll, pitch and heading are; levelling and course where the data begin
-        with a standstill or have no raw Doppler; else 'certified' if a window passes within ``2 *
-        max_window_s`` of the first Doppler, and 'level+course' if none does. 'certified': from IMU
-        and Doppler alone, in motion, with a bound that is proved (`alignment.in_motion.waiting`).
+        'auto': 'given' when roll, pitch and heading are; else 'certified' if there is raw Doppler
+        and a window passes within ``2 * max_window_s`` of its first, and 'level+course' if not.
+        'certified': from IMU and Doppler alone, in motion, with a bound that is proved
+        (`alignment.in_motion.waiting`).
         'level+course': levelling, at rest if there is a standstill and in motion otherwise, and the
         course of the GNSS velocity as heading.
     min_speed_mps : float
         Speed from which the course is taken as heading.
     roll_deg, pitch_deg, heading_deg : float, optional
-        The given attitude, at the first epoch with a position and a velocity.
+        The given attitude, at the first epoch with a position and a velocity. A start after a
+        solution was lost does not use it.
     sigma_level_deg, sigma_heading_deg : float
         1σ of a given attitude; lower bounds for a levelled one.
     sigma_clock_walk_mps : float

@@ -32,15 +32,15 @@ from ..filters.error_model import ATT, POS, VEL
 from ..filters.errors import AlignmentError
 from ..filters.rotation import FloatArray, rpy_from_matrix
 from ..filters.strapdown import InertialStream
-from .config import Config
+from .config import AlignmentConfig, Config
 from .engine.blind import Spell, gap, is_gap
 from .engine.events import GnssEvent
 from .engine.loop import Diverged, FilterLoop
 from .engine.model import error_model
-from .engine.sanity import Lost
-from .engine.start.finder import StartFinder
+from .engine.start.finder import StartFinder, again
 from .engine.start.state import Start, start_filter
 from .engine.vehicle import VehicleConstraints
+from .engine.watch.sanity import Lost
 from .notes import clock
 from .solution import Update
 
@@ -160,7 +160,7 @@ class Navigator:
         self._stream = InertialStream.live(imu_interval)
         self._vehicle = VehicleConstraints(calibration, config.vehicle, odometer)
         self._model = error_model(calibration, config, odometer=self._vehicle.odometer is not None)
-        self._finder = self._new_finder()
+        self._finder = self._new_finder(config.alignment)
         self._kept: list[GnssEvent] = []
         self._queue: list[tuple[float, str, int, GnssEvent]] = []
         self._order = count()
@@ -265,11 +265,12 @@ class Navigator:
             self._past += loop.updates
             self._rows.append(loop.kalman.rows)
             self.restarts.append((loop.reached, str(error)))
-            self._loop, self._finder = None, self._new_finder()
+            self._loop, self._finder = None, self._new_finder(again(self.config.alignment))
             self._kept = [event for event in self._kept if event.time > loop.reached]
 
-    def _new_finder(self) -> StartFinder:
-        return StartFinder(self._stream, self.calibration, self.config.alignment, self._model)
+    def _new_finder(self, config: AlignmentConfig) -> StartFinder:
+        kind = self.config.vehicle.kind
+        return StartFinder(self._stream, self.calibration, config, self._model, kind)
 
     def _start(self, start: Start) -> None:
         """Begin to filter, with what was kept until now."""

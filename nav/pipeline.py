@@ -16,11 +16,11 @@ from ..filters.strapdown import InertialStream
 from ._frames import ned_covariances
 from .config import Config
 from .engine.blind import blind_axes, blind_notes, blind_spells
-from .engine.doubts import doubts
 from .engine.gnss import gnss_timeline
 from .engine.legs import Course, Leg, legs, told
 from .engine.model import error_model
 from .engine.vehicle import VehicleConstraints
+from .engine.watch.doubts import doubts
 from .notes import Note, clock, plain
 from .solution import Solution, Trajectory
 from .sweep import in_order

@@ -21,6 +21,8 @@ class Vehicle:
         As in "if this is …".
     max_speed, max_height_rate : float
         What none of them exceeds in ordinary use [m/s].
+    max_acceleration : float
+        The same over three seconds [m/s²]: what tyres, legs and wings bear.
     max_height : float
         Above the ellipsoid [m].
     holds_course : bool
@@ -34,6 +36,7 @@ class Vehicle:
     words: str
     max_speed: float
     max_height_rate: float
+    max_acceleration: float
     max_height: float
     holds_course: bool
     stands: bool
@@ -42,13 +45,13 @@ class Vehicle:
 
 #: By the name they have in ``vehicle.kind``.
 VEHICLES = {
-    "car": Vehicle("a car", 75.0, 10.0, 6000.0, True, True, 3.0),
-    "truck": Vehicle("a truck", 45.0, 6.0, 6000.0, True, True, 3.0),
-    "bicycle": Vehicle("a bicycle", 25.0, 6.0, 6000.0, True, True, 2.0),
-    "walker": Vehicle("a walker", 8.0, 4.0, 9000.0, False, True, 1.0),
-    "robot": Vehicle("a robot", 15.0, 3.0, 6000.0, False, True, 1.0),
-    "boat": Vehicle("a boat", 45.0, 3.0, 6000.0, False, False, 2.0),
-    "aircraft": Vehicle("an aircraft", 340.0, 100.0, 20000.0, False, False, 5.0),
+    "car": Vehicle("a car", 75.0, 10.0, 12.0, 6000.0, True, True, 3.0),
+    "truck": Vehicle("a truck", 45.0, 6.0, 9.0, 6000.0, True, True, 3.0),
+    "bicycle": Vehicle("a bicycle", 25.0, 6.0, 8.0, 6000.0, True, True, 2.0),
+    "walker": Vehicle("a walker", 8.0, 4.0, 6.0, 9000.0, False, True, 1.0),
+    "robot": Vehicle("a robot", 15.0, 3.0, 12.0, 6000.0, False, True, 1.0),
+    "boat": Vehicle("a boat", 45.0, 3.0, 12.0, 6000.0, False, False, 2.0),
+    "aircraft": Vehicle("an aircraft", 340.0, 100.0, 60.0, 20000.0, False, False, 5.0),
 }  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,10 +26,10 @@ from ..solution import Update
 from .blind import Spell
 from .events import GnssEvent
 from .loop import Diverged, FilterLoop
-from .sanity import Lost
-from .start.finder import find_start
+from .start.finder import again, find_start
 from .start.state import Start, start_filter
 from .vehicle import VehicleConstraints
+from .watch.sanity import Lost
 
 #: Starts in one run after which the data, not the filter, are to blame.
 _MOST = 6
@@ -93,6 +93,8 @@ def legs(course: Course, report: Callable[[float, str], None]) -> Iterator[Leg]:
         if not leg.lost:
             return
         after = leg.until
+        config = replace(course.config, alignment=again(course.config.alignment))
+        course = replace(course, config=config)
     raise AlignmentError(f"lost {_MOST} times")
 
 
@@ -101,7 +103,9 @@ def _leg(course: Course, after: float, report: Callable[[float, str], None]) -> 
     events = tuple(e for e in course.events if e.time > after)
     report(0.0, "alignment")
     began = time.perf_counter()
-    start = find_start(events, course.stream, calibration, config.alignment, course.model)
+    start = find_start(
+        events, course.stream, calibration, config.alignment, course.model, config.vehicle.kind
+    )
     aligning = time.perf_counter() - began
     kalman = start_filter(start, course.stream, calibration, course.model, config.filter)
     loop = FilterLoop(kalman, calibration, course.vehicle, config, deque(course.spells))

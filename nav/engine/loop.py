@@ -25,9 +25,10 @@ from . import blind
 from .doppler_update import DopplerUpdates
 from .events import GnssEvent
 from .fix_update import ENLARGED, FixUpdates, logged
-from .patience import Patience
-from .sanity import Limits, Lost, Sanity
 from .vehicle import VehicleConstraints
+from .watch.heading import HeadingMonitor
+from .watch.patience import Patience
+from .watch.sanity import Limits, Lost, Sanity
 
 #: Satellites from which on least squares checks itself well enough to be held against the filter.
 _CHECKED = 6
@@ -76,7 +77,8 @@ class FilterLoop:
         # Where the vehicle's constraint is in force, it has said so already.
         forward = (wanted == "on" or (wanted == "auto" and mounted)) and not vehicle.nhc
         kind = VEHICLES[config.vehicle.kind]
-        self._sanity = Sanity(Limits(kind.max_speed, kind.max_height_rate))
+        self._sanity = Sanity(Limits(kind.max_speed, kind.max_height_rate, kind.max_acceleration))
+        self._heading = HeadingMonitor(kalman, calibration.lever_antenna_b)
         self._fixes = FixUpdates(kalman, calibration, config.filter)
         self._doppler = DopplerUpdates(kalman, calibration, config, forward, self.updates.append)
 
@@ -125,7 +127,13 @@ class FilterLoop:
     def _propagate(self, until: float) -> None:
         while self.spells and self.spells[0][1] <= self.kalman.time:
             self.spells.popleft()
-        blind.propagate(self.kalman, until, self.spells)
+        kalman, begin = self.kalman, self.kalman.time
+        vel_e, C_eb = kalman.vel_e.copy(), kalman.C_eb.copy()
+        blind.propagate(kalman, until, self.spells)
+        if self.spells and self.spells[0].begin < until:
+            self._heading.blind()
+        elif kalman.time > begin:
+            self._heading.propagated(vel_e, C_eb, kalman.time - begin, kalman)
 
     @contextmanager
     def _watched(self) -> Iterator[None]:
@@ -169,6 +177,10 @@ class FilterLoop:
             with self._watched():
                 update = self._apply(event)
             self._sanity.look(self.kalman)
+            if event.kind == "velocity":
+                self._heading.take(event.time, event.value_e, event.cov_e, self.kalman)
+                refused = self._patience["velocity"].lasted >= _EVIDENT
+                self._heading.look(self.kalman, refused)
         self.updates.append(update)
         return update
 

@@ -26,6 +26,7 @@ from ....filters.error_model import ErrorModel
 from ....filters.errors import AlignmentError
 from ....filters.strapdown import InertialStream
 from ...config import AlignmentConfig
+from ...vehicles import VEHICLES
 from ..events import GnssEvent
 from .certified import CertifiedStart
 from .fixes import POSITION_NEAR, Fixes
@@ -46,6 +47,8 @@ class StartFinder:
     calibration : Calibration
     config : AlignmentConfig
     model : ErrorModel
+    kind : str
+        Of vehicle (`nav.vehicles`).
 
     Attributes
     ----------
@@ -59,11 +62,12 @@ class StartFinder:
         calibration: Calibration,
         config: AlignmentConfig,
         model: ErrorModel,
+        kind: str = "car",
     ) -> None:
         self.config, self.waiting = config, "no data yet"
         known = None not in (config.roll_deg, config.pitch_deg, config.heading_deg)
         self.method = "given" if known and config.method == "auto" else config.method
-        self._fixes = Fixes(stream, calibration)
+        self._fixes = Fixes(stream, calibration, VEHICLES[kind])
         self._levelled = LevelledStart(self._fixes, config, model.imu, self._say)
         self._certified = CertifiedStart(self._fixes, config, model.imu, self._say)
         self._fallback: Start | None = None
@@ -150,12 +154,19 @@ class StartFinder:
         return replace(start, attitude=attitude, attempts=tuple(self.attempts))
 
 
+def again(config: AlignmentConfig) -> AlignmentConfig:
+    """Return what a start after a lost solution goes by: an attitude given was of the first."""
+    method = "auto" if config.method == "given" else config.method
+    return replace(config, method=method, roll_deg=None, pitch_deg=None, heading_deg=None)
+
+
 def find_start(
     events: tuple[GnssEvent, ...],
     stream: InertialStream,
     calibration: Calibration,
     config: AlignmentConfig,
     model: ErrorModel,
+    kind: str = "car",
 ) -> Start:
     """Find the start of a recording.
 
@@ -164,7 +175,7 @@ def find_start(
     AlignmentError
         Why there is no attitude.
     """
-    finder = StartFinder(stream, calibration, config, model)
+    finder = StartFinder(stream, calibration, config, model, kind)
     for event in events:
         start = finder.offer(event)
         if start is not None:

@@ -10,11 +10,17 @@ from ....datasets.sequence import Calibration
 from ....filters.levers import lever_velocity, rate_over_earth
 from ....filters.rotation import FloatArray
 from ....filters.strapdown import InertialStream, NavState
+from ...vehicles import Vehicle
 from ..events import GnssEvent
 from .state import Start
 
 #: Positions agree that lie so near to their median, and as far as one gets meanwhile [m], [m/s].
 _NEAR, _FASTEST = 1000.0, 100.0
+#: Velocities agree that lie so near to the median of those around them, beside 3σ: what any
+#: vehicle on wheels gains in the time to their middle [m/s²], within so long [s].
+_ACCELERATION, _AROUND = 10.0, 2.2
+#: Pairs among which those around a velocity are looked for.
+_LATEST = 100
 #: A velocity can start the filter if a position lies this close to it [s].
 POSITION_NEAR = 2.5
 
@@ -27,6 +33,8 @@ class Fixes:
     stream : InertialStream
         May grow.
     calibration : Calibration
+    vehicle : Vehicle
+        Velocities that it cannot have start nothing.
 
     Attributes
     ----------
@@ -36,9 +44,10 @@ class Fixes:
         Positions and velocities so far.
     """
 
-    def __init__(self, stream: InertialStream, calibration: Calibration) -> None:
-        self.stream, self.calibration = stream, calibration
+    def __init__(self, stream: InertialStream, calibration: Calibration, vehicle: Vehicle) -> None:
+        self.stream, self.calibration, self.vehicle = stream, calibration, vehicle
         self._all: list[tuple[GnssEvent, GnssEvent]] = []
+        self._plausible: list[bool] = []
         self.position: GnssEvent | None = None
         self.counts = {"position": 0, "velocity": 0}
         self._unpaired: list[GnssEvent] = []
@@ -59,18 +68,48 @@ class Fixes:
         self._unpaired = [v for v in self._unpaired if v.time > position.time + POSITION_NEAR]
         made = [(velocity, position) for velocity in near]
         self._all += made
+        self._look(len(made))
         return made
 
     @property
     def pairs(self) -> list[tuple[GnssEvent, GnssEvent]]:
-        """Pairs whose positions agree with most of the others: one bad fix levels nothing."""
+        """Pairs that agree with most of the others: one bad fix levels nothing."""
         if len(self._all) < 2:
             return list(self._all)
         pos_e = np.array([p.value_e for _, p in self._all])
         time = np.array([p.time for _, p in self._all])
         reach = _NEAR + _FASTEST * np.ptp(time)
-        near = np.linalg.norm(pos_e - np.median(pos_e, axis=0), axis=1) <= reach
+        near: NDArray[np.bool_] = np.linalg.norm(pos_e - np.median(pos_e, axis=0), axis=1) <= reach
+        near &= self._plausible
         return [pair for pair, ok in zip(self._all, near, strict=True) if ok]
+
+    def _look(self, new: int) -> None:
+        """Judge the velocities of so many new pairs, and anew those that they are around."""
+        if not new:
+            return
+        first = self._all[-new][0].time - _AROUND
+        begin = len(self._all) - new
+        while begin > 0 and self._all[begin - 1][0].time >= first:
+            begin -= 1
+        self._plausible[begin:] = [self._borne_out(*pair) for pair in self._all[begin:]]
+
+    def _borne_out(self, velocity: GnssEvent, position: GnssEvent) -> bool:
+        """Tell whether a velocity is one of the vehicle, and near the median of those around it."""
+        doubt = 3.0 * sigma_of(velocity)
+        climb = velocity.value_e @ position.value_e / np.linalg.norm(position.value_e)
+        if level_speed(velocity, position) > self.vehicle.max_speed + doubt:
+            return False
+        if abs(climb) > self.vehicle.max_height_rate + doubt:
+            return False
+        around = [
+            v.value_e
+            for v, _ in self._all[max(0, len(self._all) - _LATEST) :]
+            if abs(v.time - velocity.time) <= _AROUND
+        ]
+        if len(around) < 3:
+            return True
+        off = np.linalg.norm(velocity.value_e - np.median(around, axis=0))
+        return bool(off <= _ACCELERATION * _AROUND / 2.0 + doubt)
 
     def track(self) -> VelocityTrack:
         """Return all velocities, with their positions, as levelling takes them."""

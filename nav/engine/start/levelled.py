@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ....alignment.direction import log_odds
+from ....alignment.direction import course_fits, log_odds
 from ....alignment.levelling import (
     LEVEL_WINDOW,
     InitialAttitude,
@@ -90,6 +90,11 @@ class LevelledStart:
             self.say(f"levelling: complete at {ready:.1f} s")
             self._due = ready
             return None
+        against = course_fits(self.fixes.stream, self.fixes.track(), attitude)
+        if against:
+            self.say(against)
+            self._due, self._after = now + _AGAIN, attitude.time + 1e-3
+            return None
         if odds < _SURE:
             self.say(f"{_OPEN}: a turn or a change of speed would tell")
             self._due = now + _AGAIN
@@ -108,6 +113,9 @@ class LevelledStart:
         """
         self._after = -np.inf
         attitude, odds = self._attitude()
+        while course_fits(self.fixes.stream, self.fixes.track(), attitude):
+            self._after = attitude.time + 1e-3
+            attitude, odds = self._attitude()
         if odds < _SURE:
             message = f"{attitude.message}; {_OPEN}: the likelier is taken"
             attitude = replace(attitude, message=message)

@@ -13,6 +13,7 @@ from certnav.nav.config import AlignmentConfig
 from certnav.nav.engine.events import GnssEvent
 from certnav.nav.engine.start.certified import CertifiedStart
 from certnav.nav.engine.start.fixes import Fixes
+from certnav.nav.vehicles import VEHICLES
 from certnav.velocity.range_rate import doppler_rows
 from oracles import rigs
 
@@ -93,7 +94,7 @@ class Aligner:
 def made(monkeypatch):
     def make(window=None, passes_at=15.0, first=0.0, **config):
         said = []
-        fixes = Fixes(STREAM, rigs.calibration(LEVER))
+        fixes = Fixes(STREAM, rigs.calibration(LEVER), VEHICLES["car"])
         start = CertifiedStart(fixes, AlignmentConfig(**config), rigs.IMU, said.append)
         aligner = Aligner(window or Window(), passes_at, first)
         monkeypatch.setattr(start, "_new_aligner", lambda: aligner)
@@ -225,7 +226,7 @@ def test_doppler_outside_the_imu_data_is_none(made):
 
 def test_the_aligner_has_the_configured_limits():
     config = AlignmentConfig(sigma_clock_walk_mps=0.7, max_window_s=33.0, max_sigma_heading_deg=2.5)
-    fixes = Fixes(STREAM, rigs.calibration(LEVER))
+    fixes = Fixes(STREAM, rigs.calibration(LEVER), VEHICLES["car"])
     aligner = CertifiedStart(fixes, config, rigs.IMU, print)._new_aligner()
     assert aligner.stream is STREAM and aligner.lever_b.tolist() == LEVER.tolist()
     options = aligner.options

@@ -8,6 +8,7 @@ import pytest
 from certnav.filters.strapdown import InertialStream
 from certnav.nav.engine.events import GnssEvent, missing
 from certnav.nav.engine.start.fixes import Fixes, level_speed, sigma_of
+from certnav.nav.vehicles import VEHICLES
 from oracles import rigs
 
 NORTH, EAST, DOWN = rigs.C_EN.T
@@ -24,7 +25,7 @@ def velocity(time, value_e=10.0 * NORTH, variance=0.01):
 
 
 def fixes(*events, lever=(0.0, 0.0, 0.0), stream=STREAM):
-    made = Fixes(stream, rigs.calibration(lever))
+    made = Fixes(stream, rigs.calibration(lever), VEHICLES["car"])
     for event in events:
         made.add(event)
     return made
@@ -95,8 +96,8 @@ def attitude(time, C_eb=rigs.C_EN, gyro_bias=(0.0, 0.0, 0.0)):
 def test_the_position_is_carried_to_the_time_of_the_attitude():
     """10 m/s for two seconds are 20 m: the velocity nearest to it, its own position."""
     made = fixes(
-        position(4.0), velocity(4.0, 99.0 * EAST), velocity(6.0, 10.0 * NORTH, 0.04),
-        position(9.0, rigs.PLACE + 500.0 * EAST), velocity(9.0, 99.0 * EAST), lever=LEVER,
+        position(4.0), velocity(4.0, 30.0 * EAST), velocity(6.0, 10.0 * NORTH, 0.04),
+        position(9.0, rigs.PLACE + 500.0 * EAST), velocity(9.0, 30.0 * EAST), lever=LEVER,
     )  # fmt: skip
     start = made.start(attitude(6.5))
     assert start.state.time == 6.5
@@ -106,7 +107,26 @@ def test_the_position_is_carried_to_the_time_of_the_attitude():
     np.testing.assert_array_equal(start.pos_cov_e, 4.0 * np.eye(3))
     np.testing.assert_allclose(start.vel_cov_e, 0.04 * np.eye(3))
     back = made.start(attitude(3.5)).state.pos_e
-    np.testing.assert_allclose(back, rigs.PLACE - 49.5 * EAST - 2.0 * NORTH, atol=1e-6)
+    np.testing.assert_allclose(back, rigs.PLACE - 15.0 * EAST - 2.0 * NORTH, atol=1e-6)
+
+
+def test_velocities_that_no_car_has_start_nothing():
+    """Four satellites, one of them reflected: 53 m/s downwards, 29 m/s to the south."""
+    made = fixes(
+        position(5.0), velocity(5.0, 5.0 * NORTH), velocity(6.0, 5.0 * NORTH),
+        velocity(7.0, 5.0 * NORTH - 53.0 * -DOWN), velocity(8.0, -29.0 * NORTH),
+        velocity(9.0, 7.0 * NORTH), velocity(10.0, 8.0 * NORTH), velocity(11.0, 90.0 * NORTH),
+        position(7.4), position(10.0),
+    )  # fmt: skip
+    assert [v.time for v, _ in made.pairs] == [5.0, 6.0, 9.0, 10.0]
+
+
+def test_what_is_not_known_to_that_is_borne_out():
+    made = fixes(
+        position(5.0), velocity(5.0, 5.0 * NORTH), velocity(6.0, 5.0 * NORTH),
+        velocity(7.0, -29.0 * NORTH, 100.0), position(7.0),
+    )  # fmt: skip
+    assert len(made.pairs) == 3
 
 
 def test_what_the_antenna_has_from_turning_is_taken_off():

@@ -12,6 +12,7 @@ from certnav.nav.engine.events import GnssEvent
 from certnav.nav.engine.start.fixes import Fixes
 from certnav.nav.engine.start.levelled import LevelledStart, given_start
 from certnav.nav.engine.start.state import start_filter
+from certnav.nav.vehicles import VEHICLES
 from oracles import rigs
 
 NORTH, EAST, DOWN = rigs.C_EN.T
@@ -20,7 +21,7 @@ STREAM = rigs.stream_at_rest(rigs.C_EN, 40.0)
 
 @pytest.fixture
 def fixes():
-    return Fixes(STREAM, rigs.calibration())
+    return Fixes(STREAM, rigs.calibration(), VEHICLES["car"])
 
 
 class Levelled:

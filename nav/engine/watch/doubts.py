@@ -12,10 +12,10 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from ...filters.ekf import gate_limit
-from ...filters.rotation import FloatArray
-from ..notes import Note, clock
-from ..solution import Update
+from ....filters.ekf import gate_limit
+from ....filters.rotation import FloatArray
+from ...notes import Note, clock
+from ...solution import Update
 
 #: Updates that no sensor has measured.
 _CONSTRAINTS = ("nhc", "zupt", "zaru")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from certnav.nav.engine.patience import Patience
+from certnav.nav.engine.watch.patience import Patience
 
 
 def refusing(limit, times):

@@ -7,19 +7,23 @@ independent measurements agree with each other, has an attitude or a state that 
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
-from ...filters.earth import HIGHEST_RADIUS, LOWEST_RADIUS
-from ...filters.ekf import ErrorStateFilter
-from ...filters.error_model import VEL
-from ...filters.errors import DataError
+from ....filters.earth import HIGHEST_RADIUS, LOWEST_RADIUS
+from ....filters.ekf import ErrorStateFilter
+from ....filters.error_model import VEL
+from ....filters.errors import DataError
+from ....filters.rotation import FloatArray
 
 #: Doubted so often within so long [s], the filter is lost: on sound drives it is once or twice.
 _TIMES, _WITHIN = 5, 30.0
 #: How long it may move as no vehicle does [s]: one wild epoch is the gate's business.
 _LASTING = 1.0
+#: Over what an acceleration is a mean [s].
+_SECONDS = 3.0
 
 
 class Lost(DataError):
@@ -34,10 +38,13 @@ class Limits:
     ----------
     speed, height_rate : float
         [m/s].
+    acceleration : float
+        Over seconds [m/s²].
     """
 
     speed: float = 90.0
     height_rate: float = 20.0
+    acceleration: float = 15.0
 
 
 class Sanity:
@@ -52,6 +59,7 @@ class Sanity:
         self.limits = limits
         self._since: float | None = None
         self._doubts: list[float] = []
+        self._velocities: deque[tuple[float, FloatArray, float]] = deque()
 
     def look(self, kalman: ErrorStateFilter) -> None:
         """Raise `Lost` if the filter has moved for a while as its vehicle cannot."""
@@ -85,4 +93,24 @@ class Sanity:
         climb = abs(float(kalman.vel_e @ kalman.pos_e)) / radius
         if climb > self.limits.height_rate + 3.0 * sigma:
             return f"climbing or sinking at {climb:.0f} m/s (limit {self.limits.height_rate:.0f})"
-        return ""
+        return self._wild_acceleration(kalman, sigma)
+
+    def _wild_acceleration(self, kalman: ErrorStateFilter, sigma: float) -> str:
+        """Say so if velocities some seconds apart differ by more than forces on a vehicle can do.
+
+        A velocity that is corrected by what it was not known to is no acceleration.
+        """
+        past = self._velocities
+        while len(past) > 1 and kalman.time - past[1][0] >= _SECONDS:
+            past.popleft()
+        past.append((kalman.time, kalman.vel_e.copy(), sigma))
+        begin, vel_e, before = past[0]
+        if not _SECONDS <= (elapsed := kalman.time - begin) <= 2.0 * _SECONDS:
+            return ""
+        change = float(np.linalg.norm(kalman.vel_e - vel_e))
+        if change <= self.limits.acceleration * elapsed + 3.0 * (sigma + before):
+            return ""
+        return (
+            f"its velocity changed by {change:.0f} m/s in {elapsed:.1f} s "
+            f"(limit {self.limits.acceleration:.0f} m/s²)"
+        )

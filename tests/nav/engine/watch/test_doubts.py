@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from certnav.nav.engine.doubts import doubts
+from certnav.nav.engine.watch.doubts import doubts
 from certnav.nav.solution import Update
 
 GATE = 1e-4

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from certnav.filters.error_model import VEL
-from certnav.nav.engine.sanity import Limits, Lost, Sanity
+from certnav.nav.engine.watch.sanity import Limits, Lost, Sanity
 from oracles import rigs
 
-UP, NORTH = rigs.PLACE / np.linalg.norm(rigs.PLACE), rigs.C_EN[:, 0]
+UP, NORTH, EAST = rigs.PLACE / np.linalg.norm(rigs.PLACE), rigs.C_EN[:, 0], rigs.C_EN[:, 1]
 
 
 def moving(vel_e, sigma=0.0, radius=None):
@@ -86,3 +86,28 @@ def test_five_doubts_in_thirty_seconds_are_too_many():
                 f"position fixes and the filter contradict each other: doubted 5 times in {span} s"
             )
         assert raised == many
+
+
+def accelerated(change_e, seconds, sigmas=(0.0, 0.0), limit=12.0):
+    """Return what is said of a velocity that changes by so much in so long."""
+    sanity = Sanity(Limits(acceleration=limit))
+    try:
+        for k in range(6):  # the change lasts in the velocity, and so does what is said of it
+            late = min(k, 3)
+            kalman = moving(change_e * late / 3.0, sigmas[int(k > 0)])
+            kalman.time = late * seconds / 3.0 + 0.6 * max(k - 3, 0)
+            sanity.look(kalman)
+    except Lost as error:
+        return str(error)
+    return ""
+
+
+def test_no_tyre_holds_two_g_for_seconds():
+    said = accelerated(60.0 * NORTH, 3.0)
+    assert said.startswith("its velocity changed by") and "(limit 12 m/s²)" in said
+    assert not accelerated(35.0 * NORTH, 3.0)
+    assert not accelerated(60.0 * NORTH, 3.0, limit=21.0)
+
+
+def test_a_velocity_corrected_by_what_it_was_not_known_to_is_no_acceleration():
+    assert not accelerated(60.0 * EAST, 3.0, sigmas=(9.0, 1.0))
