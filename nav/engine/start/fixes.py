@@ -93,23 +93,28 @@ class Fixes:
             begin -= 1
         self._plausible[begin:] = [self._borne_out(*pair) for pair in self._all[begin:]]
 
-    def _borne_out(self, velocity: GnssEvent, position: GnssEvent) -> bool:
-        """Tell whether a velocity is one of the vehicle, and near the median of those around it."""
+    def _possible(self, velocity: GnssEvent, position: GnssEvent) -> bool:
+        """Tell whether a velocity is one that the vehicle can have."""
         doubt = 3.0 * sigma_of(velocity)
         climb = velocity.value_e @ position.value_e / np.linalg.norm(position.value_e)
-        if level_speed(velocity, position) > self.vehicle.max_speed + doubt:
-            return False
-        if abs(climb) > self.vehicle.max_height_rate + doubt:
+        return bool(
+            level_speed(velocity, position) <= self.vehicle.max_speed + doubt
+            and abs(climb) <= self.vehicle.max_height_rate + doubt
+        )
+
+    def _borne_out(self, velocity: GnssEvent, position: GnssEvent) -> bool:
+        """Tell whether a velocity is possible, and near the median of those around it."""
+        if not self._possible(velocity, position):
             return False
         around = [
             v.value_e
-            for v, _ in self._all[max(0, len(self._all) - _LATEST) :]
-            if abs(v.time - velocity.time) <= _AROUND
+            for v, p in self._all[-_LATEST:]
+            if abs(v.time - velocity.time) <= _AROUND and self._possible(v, p)
         ]
         if len(around) < 3:
             return True
         off = np.linalg.norm(velocity.value_e - np.median(around, axis=0))
-        return bool(off <= _ACCELERATION * _AROUND / 2.0 + doubt)
+        return bool(off <= _ACCELERATION * _AROUND / 2.0 + 3.0 * sigma_of(velocity))
 
     def track(self) -> VelocityTrack:
         """Return all velocities, with their positions, as levelling takes them."""
