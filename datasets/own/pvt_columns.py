@@ -1,6 +1,7 @@
 """Positions and velocities in declared columns: what [gnss] and [reference] have in common.
 
-Position: latitude, longitude, height, or ECEF x, y, z. Velocity: north-east-down, east-north-up
+Position: latitude, longitude, height, the angles also in degrees, minutes and seconds, or ECEF x,
+y, z. Velocity: north-east-down, east-north-up
 or ECEF. Deviations stand in the same axes and order as what they belong to; those of latitude,
 longitude and height are metres north, east and up. A height needs its datum: 50 m lie between
 geoid and ellipsoid.
@@ -19,8 +20,9 @@ from ...filters.earth import C_en_of, lla_to_ecef
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ..displacement import check_velocity, horizontal_sigma
+from ..formats.inertial_explorer import dms_to_radians
 from ..text.columns import Column, Columns, open_text, read_columns
-from ..text.tables import increasing
+from ..text.tables import Table, increasing
 from ..time_scales import TimeScale, evenly_spaced, gps_time, late_weeks
 from .declaration import ANGLE_UNITS, POSITION_FRAMES, SPEED_UNITS, VELOCITY_FRAMES, Section
 
@@ -136,7 +138,7 @@ def read_pvt(
         Values that cannot be what they are declared as.
     """
     numbers: dict[str, tuple[Column, ...]] = {
-        "position": section.columns("position", (3,), _COORDINATES)
+        "position": section.columns("position", (3, 7), _COORDINATES)
     }
     frame = section.choice("position_frame", POSITION_FRAMES, 'position_frame = "lla"')
     if section.has("velocity"):
@@ -177,6 +179,19 @@ def read_pvt(
     )
 
 
+def _degrees(value: FloatArray, table: Table) -> FloatArray:
+    """Return latitude and longitude [deg] and height from degrees, minutes and seconds."""
+    parts = value[:, [1, 2, 4, 5]]
+    bad = np.any((parts < 0.0) | (parts > 60.0), axis=1)
+    _refuse_rows(
+        table.file, table.line, bad, "minutes and seconds: expected 0 … 60",
+        [" ".join(f"{x:g}" for x in row) for row in parts] if bad.any() else [],
+        'position = [deg, min, sec, deg, min, sec, height], or angle_unit = "deg"',
+    )  # fmt: skip
+    angles = [np.degrees(dms_to_radians(*value[:, k : k + 3].T)) for k in (0, 3)]
+    return np.column_stack([*angles, value[:, 6]])
+
+
 def _position(section: Section, frame: str, columns: Columns) -> tuple[FloatArray, tuple[str, ...]]:
     value, table = columns.numbers["position"], columns.table
     if frame == "ecef":
@@ -187,7 +202,15 @@ def _position(section: Section, frame: str, columns: Columns) -> tuple[FloatArra
             [f"{r / 1e3:.6g} km" for r in radius], 'position_frame = "lla" instead?',
         )  # fmt: skip
         return value, ()
-    unit = section.choice("angle_unit", ANGLE_UNITS, 'angle_unit = "deg"')
+    unit = section.choice("angle_unit", (*ANGLE_UNITS, "dms"), 'angle_unit = "deg"')
+    if (unit == "dms") != (value.shape[1] == 7):
+        raise ConfigError(
+            f'{section.file}: [{section.name}] angle_unit = "{unit}" with {value.shape[1]} columns '
+            'of position: expected seven for "dms" (degrees, minutes, seconds of latitude, of '
+            "longitude, and the height), else three"
+        )
+    if unit == "dms":
+        value, unit = _degrees(value, table), "deg"
     lat, lon = (value[:, :2] * ANGLE_UNITS[unit]).T
     bad = (np.abs(lat) > np.pi / 2) | (np.abs(lon) > 2.0 * np.pi)
     _refuse_rows(

@@ -200,6 +200,49 @@ def test_physics_contradicts_a_wrong_declaration(drive, old, new, message):
     assert "\n" not in str(caught.value)
 
 
+def in_minutes_and_seconds(folder, wrong=""):
+    """Write gnss.csv anew with its angles in degrees, minutes and seconds, and declare it so."""
+    table = pd.read_csv(folder / "gnss.csv")
+    for name in ("lat", "lon"):
+        angle = table[name].abs()
+        degree = np.floor(angle)
+        minute = np.floor((angle - degree) * 60.0)
+        table[f"{name}_s"] = ((angle - degree) * 60.0 - minute) * 60.0
+        table[f"{name}_m"] = minute
+        table[f"{name}_d"] = [
+            f"{'-' * bool(v < 0)}{d:.0f}" for v, d in zip(table[name], degree, strict=True)
+        ]
+    if wrong:
+        table.loc[3, wrong] = 61.0
+    table.to_csv(folder / "gnss.csv", index=False)
+    parts = [f"{name}_{part}" for name in ("lat", "lon") for part in "dms"]
+    change(
+        folder, ('["lat", "lon", "h"]', repr([*parts, "h"])),
+        ('angle_unit = "deg"', 'angle_unit = "dms"'),
+    )  # fmt: skip
+
+
+def test_degrees_minutes_and_seconds(drive):
+    folder, _ = drive
+    before = read_declared(folder).fixes.pos_e
+    in_minutes_and_seconds(folder)
+    np.testing.assert_allclose(read_declared(folder).fixes.pos_e, before, atol=1e-6)
+
+
+def test_minutes_beyond_sixty_are_refused(drive):
+    folder, _ = drive
+    in_minutes_and_seconds(folder, wrong="lon_m")
+    with pytest.raises(DataError, match=r"gnss\.csv:5: minutes and seconds: expected 0 … 60"):
+        read_declared(folder)
+
+
+def test_degrees_alone_have_three_columns(drive):
+    folder, _ = drive
+    change(folder, ('angle_unit = "deg"', 'angle_unit = "dms"'))
+    with pytest.raises(ConfigError, match="with 3 columns of position: expected seven"):
+        read_declared(folder)
+
+
 @pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6)])
 def test_stamps_in_another_unit_are_named_by_the_speed(drive, unit, factor):
     """From no date on, their size does not tell: only displacements against velocities do."""
