@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import time
 from pathlib import Path
 
@@ -22,6 +23,8 @@ from ..solution import Solution
 from ..vehicles import VEHICLES, would_explain
 from .progress import announce_kernels, progress
 
+_log = logging.getLogger(__name__)
+
 
 def navigate_folder(
     path: Path,
@@ -33,26 +36,32 @@ def navigate_folder(
     checked: bool = True,
     report_page: bool = True,
     table: bool = True,
+    say: bool = True,
 ) -> tuple[Path, str]:
     """Load, check, navigate, evaluate, write the result directory, and print the summary.
+
+    With `say` off nothing is printed.
 
     Returns the directory, and the status of the solution.
     """
     began = time.perf_counter()
     if out is not None:
         check_replaceable(out)
-    announce_kernels()
     with progress() as report, kept_in(cache_folder(out)):
         report(0.0, "reading")
         with collected_refusals() as refused:
             sequence = cut(load(path, **config.data), start, end)
+        announce_kernels()  # what is missing was said before anything is compiled
         passed_over = waived(refused, config, checked)
         out = Path("results") / sequence.name if out is None else out
         check_replaceable(out)
         found = (*passed_over, *_checked(sequence, config, checked))
         read = time.perf_counter() - began
+        _log.info("%s: read and checked in %.2f s", path, read)
         solution = navigate(sequence, config, report)
         solution = with_findings(solution, found)
+        for what, spent in solution.timing.items():
+            _log.info("%s: %s %.2f s", sequence.name, what.removesuffix("_s"), spent)
         report(1.0, "evaluation and report")
         solution, evaluation = judged(solution, sequence)
         solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
@@ -60,7 +69,9 @@ def navigate_folder(
             out, solution, evaluation, sequence, config, formats,
             draw=_draw if report_page else None, table=table,
         )  # fmt: skip
-    _print_summary(solution, evaluation, sequence, out)
+    _log.info("%s: all of it in %.2f s", out, time.perf_counter() - began)
+    if say:
+        _print_summary(solution, evaluation, sequence, out)
     return out, solution.status
 
 

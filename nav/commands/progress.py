@@ -1,17 +1,59 @@
-"""A progress bar on standard error, or nothing where nobody watches."""
+"""How far it is, on standard error: a bar on a terminal, a line now and then in a log."""
 
 from __future__ import annotations
 
+import os
 import sys
+import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 
+#: Where nobody watches a bar there is a line so often [s].
+_EVERY = 10.0
+#: Set to anything, nothing is said of progress (`certnav -q`).
+QUIET = "CERTNAV_QUIET"
+
 
 def progress() -> AbstractContextManager[Callable[[float, str], None]]:
-    """Return a context that yields a progress callback; silent when not on a terminal."""
-    if not sys.stderr.isatty():
+    """Return a context that yields a progress callback."""
+    if os.environ.get(QUIET):
         return nullcontext(lambda fraction, what: None)
-    return _RichProgress()
+    return _RichProgress() if sys.stderr.isatty() else LineProgress()
+
+
+class LineProgress:
+    """A line every ten seconds, with the time that is left of what is being done.
+
+    Parameters
+    ----------
+    clock : callable
+        Seconds of any origin.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+
+    def __enter__(self) -> Callable[[float, str], None]:
+        self._said = self._began = self._clock()
+        self._what, self._from = "", 0.0
+        return self._report
+
+    def __exit__(self, *exception: object) -> None:
+        pass
+
+    def _report(self, fraction: float, what: str) -> None:
+        now = self._clock()
+        if what != self._what or fraction < self._from:
+            self._what, self._from, self._began = what, fraction, now
+        if now - self._said < _EVERY:
+            return
+        self._said = now
+        done = fraction - self._from
+        line = f"certnav: {what}"
+        if done > 0.0 and fraction < 1.0:
+            left = (now - self._began) * (1.0 - fraction) / done
+            line += f", {fraction:.0%}, about {left:.0f} s left"
+        print(line, file=sys.stderr, flush=True)
 
 
 class _RichProgress:
@@ -37,6 +79,8 @@ class _RichProgress:
 
 def announce_kernels() -> None:
     """Say on standard error if the filter has to be compiled first, or cannot be."""
+    if os.environ.get(QUIET):
+        return
     from ...filters.compiled import kernels
     from ...filters.compiled.jit import notice
 

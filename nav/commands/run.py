@@ -45,6 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unchecked", action="store_true", help="navigate even if the data contradict physics"
     )
+    parser.add_argument(
+        "--json", action="store_true", help="print summary.json instead of the summary"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -72,9 +75,11 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError("--only: expected pos, kml, tum or nav, found none")
     if only and arguments.format:
         raise ConfigError("--only and --format: name all formats in one of them")
-    _, status = navigate_folder(
+    out, status = navigate_folder(
         path, config, arguments.out, formats, arguments.start, arguments.end,
         checked=not arguments.unchecked, report_page=not (arguments.no_report or only),
-        table=not only,
+        table=not only, say=not arguments.json,
     )  # fmt: skip
+    if arguments.json:
+        print((out / "summary.json").read_text(encoding="utf-8").rstrip())
     return LOST if status == "lost" else 0

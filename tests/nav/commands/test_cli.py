@@ -67,6 +67,36 @@ def test_run_writes_a_complete_result(drive, tmp_path, capsys):
     assert sorted(p.name for p in tmp_path.iterdir()) == [".certnav-cache", "result"]
 
 
+def test_the_summary_as_json_and_nothing_else(drive, tmp_path, capsys):
+    out = tmp_path / "result"
+    run = ["run", str(drive), "--out", str(out), "--no-report", "--json"]
+    assert main([*run, "-q", "--start", "180000", "--end", "604799"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((out / "summary.json").read_text())
+
+
+def test_verbose_says_what_took_how_long(drive, tmp_path):
+    run = [sys.executable, "-m", "certnav.nav.commands.cli", "-v", "run", str(drive)]
+    arguments = [*run, "--out", str(tmp_path / "result"), "--only", "tum"]
+    said = subprocess.run(arguments, capture_output=True, text=True, check=True).stderr
+    for what in ("read and checked in", "alignment", "filter", "all of it in"):
+        assert f"{what} " in said
+
+
+def test_version_is_that_of_the_package(capsys):
+    from importlib.metadata import version
+
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"certnav {version('certnav')}\n"
+
+
+def test_what_is_missing_is_said_before_anything_is_compiled(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("certnav.nav.commands.navigation.announce_kernels", lambda: 1 / 0)
+    assert "no such file or folder" in refuse(capsys, "run", tmp_path / "nowhere")
+
+
 def test_only_one_format_and_the_same_numbers(drive, tmp_path, capsys):
     whole, lean = tmp_path / "whole", tmp_path / "lean"
     rate = ["--set", "filter.output_rate_hz=0"]
