@@ -2,10 +2,13 @@
 
     track      integrals of the IMU over a window, and their response to sensor errors
     rows       Doppler rows tied to these
-    unknowns   biases, scale factors, gyro noise and clock; one window, solved until it settles
+    unknowns   biases, scale factors, gyro noise and clock: what is known of them
+    window     one window, solved until it settles
     align      one window: attitude, velocity, biases, verdicts
     doubts     what speaks against it: rows, rivals, single satellites
     waiting    a window that grows and slides until its verdicts pass
+
+What track_kernels and window_kernels do for `track` and `window` is compiled.
 
 `wait_for_alignment` is the whole of it for a recording, `MotionAligner` for live data.
 """

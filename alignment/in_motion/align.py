@@ -2,7 +2,7 @@
 
 The rows of `alignment.in_motion.rows` hold exactly for a perfect IMU. A MEMS gyro that is 500 deg/h
 off at switch-on tilts gravity by 4° in thirty seconds, 10 m/s of Δv: a hundred times what Doppler
-resolves. The errors are therefore unknowns of the problem (`alignment.in_motion.unknowns`), which
+resolves. The errors are therefore unknowns of the problem (`alignment.in_motion.window`), which
 is linearised at their estimates until nothing moves. The proof is then one for the problem
 linearised at its own solution; `alignment.in_motion.doubts` asks what speaks against it.
 
@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,10 +28,11 @@ from ..levelling import InitialAttitude
 from ..result import AlignmentResult, Ask
 from ..solver.refinement import rotation_angle
 from ..verdict import judge
-from .doubts import Linearised, consensus, reject, rivals, separation
+from .doubts import consensus, reject, rivals, separation
 from .rows import InertialDoppler, inertial_doppler, inertial_rows
-from .track import InertialTrack, inertial_track
-from .unknowns import InertialOptions, Mask, Window, settle
+from .track import ImuParts, InertialTrack
+from .unknowns import InertialOptions
+from .window import Mask, Stretch, linearisations, settle
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +109,7 @@ class InertialAlignment:
     @property
     def sigma_heading(self) -> float:
         """1σ of the rotation about the vertical [rad]."""
-        down_e = C_en_of(self.pos_e)[:, 2]
-        return float(np.sqrt(down_e @ self.cov_e @ down_e))
+        return _heading(self.cov_e, self.pos_e)
 
     @property
     def message(self) -> str:
@@ -214,27 +213,33 @@ def align_inertial(
         observations.take(inside), pos_e[inside] if pos_e.ndim == 2 else pos_e, options.noise,
         time=when[inside], interval=options.interval,
     )  # fmt: skip
-    found = align_epochs(stream, doppler, lever_b, options)
+    found = align_epochs(ImuParts(stream), doppler, lever_b, options)
     return replace(found, source=np.flatnonzero(inside)[found.source])
 
 
 def align_epochs(
-    stream: InertialStream,
+    parts: ImuParts,
     doppler: InertialDoppler,
     lever_b: ArrayLike = (0.0, 0.0, 0.0),
     options: InertialOptions | None = None,
     *,
     gyro_bias: ArrayLike | None = None,
+    look: Callable[[float], None] | None = None,
 ) -> InertialAlignment:
     """Align on prepared rows; what `align_inertial` does.
 
     Parameters
     ----------
-    stream, lever_b, options
-        As for `align_inertial`.
+    parts : ImuParts
+        Keeps what the next window has in common with this one.
     doppler : InertialDoppler
+    lever_b, options
+        As for `align_inertial`.
     gyro_bias : array_like, shape (3,), optional
         Where to linearise first, for example the estimate of the window before.
+    look : callable, optional
+        Told 1σ of the heading after one linearisation, as the weights have it [rad]: right to a
+        factor of two, at a fraction of the work. It may raise AlignmentError.
 
     Raises
     ------
@@ -244,72 +249,41 @@ def align_epochs(
     options = options or InertialOptions()
     if len(doppler.time) < 2:
         raise AlignmentError("fewer than two epochs with Doppler and IMU data: keep waiting")
-    at = _linearised(stream, doppler, lever_b, options)
-    window: Linearised = at
-    start = _prior(options) if gyro_bias is None else np.append(gyro_bias, np.zeros(3))
-    solved = settle(window, start, options, None)
-    inliers = np.ones(len(solved.window), dtype=bool)
+    stretch = Stretch(inertial_rows(doppler), parts, lever_b, options)
+    start = stretch.prior if gyro_bias is None else np.append(gyro_bias, np.zeros(3))
+    for solved in linearisations(stretch.at, start, options, None):
+        if look is not None and solved.rounds == 1:
+            look(_heading(solved.covariance[:3, :3], doppler.pos_e[-1]))
     result = judge(solved.problem, limits=options.limits)
     consistent = result.verdict(Ask.CONSISTENT).passed
     if options.robust and not consistent and result.dof >= options.limits.redundancy:
-        solved, inliers = reject(window, solved, options)
+        solved = reject(stretch.at, solved, options)
         # Rejected rows tell of tails: those that were kept are as wide as all of them together.
-        lost = int(np.sum(~inliers))
+        lost = int(np.sum(~solved.inliers))
         tails = (solved.cost + lost * options.cutoff**2) / max(solved.problem.dof + lost, 1)
         if lost and tails > 1.0:
-            window = partial(at, widen=float(np.sqrt(tails)))
-            solved = settle(window, solved.window.biases, options, None, inliers)
+            stretch = stretch.widened(float(np.sqrt(tails)))
+            solved = settle(stretch.at, solved.window.biases, options, None, solved.inliers)
         result = judge(solved.problem, limits=options.limits)
+    inliers = solved.inliers
     if not inliers.all():
         result = result.asked_further(consensus(inliers, options))
     if result.passed:
         # Slow, and of no use to what waits anyway.
-        further = [rivals(window, solved, result, inliers, options)]
+        further = [rivals(stretch.at, solved, result, inliers, options)]
         if not inliers.all():
-            further.append(separation(window, solved, result, inliers, options))
+            further.append(separation(stretch.at, solved, result, inliers, options))
         result = result.asked_further(*further)
-    rows = solved.window.rows
-    vel_e, cov = solved.estimate(result, inliers)
-    sats = tuple(map(str, np.unique(rows.sat[~inliers])))
+    vel_e, cov = solved.estimate(result)
+    sats = tuple(map(str, np.unique(doppler.sat[~inliers])))
     return InertialAlignment(
-        result, float(rows.track.time[0]), float(rows.track.time[-1]), len(rows.track), vel_e,
-        solved.biases[:3], solved.biases[3:], cov, doppler.pos_e[-1], inliers, rows.source,
-        sats, solved.rounds, rows.track, options.imu,
+        result, float(doppler.time[0]), float(doppler.time[-1]), doppler.time.size, vel_e,
+        solved.biases[:3], solved.biases[3:], cov, doppler.pos_e[-1], inliers, doppler.source,
+        sats, solved.rounds, solved.window.track, options.imu,
     )  # fmt: skip
 
 
-def glimpse(
-    stream: InertialStream,
-    doppler: InertialDoppler,
-    lever_b: ArrayLike = (0.0, 0.0, 0.0),
-    options: InertialOptions | None = None,
-) -> float:
-    """Return 1σ of the heading [rad] after one linearisation, as the weights have it.
-
-    Of no use as a result, and a fraction of the work of `align_epochs`: it tells a window that
-    cannot have a heading yet from one that is worth the trouble. Parameters as there.
-    """
-    options = options or InertialOptions()
-    window = _linearised(stream, doppler, lever_b, options)
-    solved = settle(window, _prior(options), replace(options, rounds=1), None)
-    down_e = C_en_of(doppler.pos_e[-1])[:, 2]
-    cov = solved.covariance(np.ones(len(solved.window), dtype=bool))
-    return float(np.sqrt(down_e @ cov[:3, :3] @ down_e))
-
-
-def _prior(options: InertialOptions) -> FloatArray:
-    return np.concatenate([np.asarray(options.gyro_bias, dtype=float), np.zeros(3)])
-
-
-def _linearised(
-    stream: InertialStream, doppler: InertialDoppler, lever_b: ArrayLike, options: InertialOptions
-) -> Callable[..., Window]:
-    """Return what makes a window at given biases, its σ widened by a factor."""
-
-    def at(biases: FloatArray, widen: float = 1.0) -> Window:
-        track = inertial_track(stream, doppler.time, biases[:3], biases[3:])
-        rows = inertial_rows(doppler, track, lever_b)
-        wider = replace(rows.rows, sigma=widen * rows.rows.sigma)
-        return Window(replace(rows, rows=wider), biases, _prior(options), options)
-
-    return at
+def _heading(cov_e: FloatArray, pos_e: FloatArray) -> float:
+    """Return 1σ of the rotation about the vertical [rad]."""
+    down_e = C_en_of(pos_e)[:, 2]
+    return float(np.sqrt(down_e @ cov_e @ down_e))

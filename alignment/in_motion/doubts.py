@@ -16,39 +16,34 @@ from ...filters.rotation import FloatArray
 from ..result import AlignmentResult, Ask, Verdict
 from ..solver.attitude_bound import region_threshold
 from ..solver.refinement import rotation_angle
-from .unknowns import InertialOptions, Mask, Solved, Window, settle
+from .unknowns import InertialOptions
+from .window import Mask, Solved, Window, settle
 
 #: Makes the window at given biases.
 Linearised = Callable[[FloatArray], Window]
 
 
-def reject(window: Linearised, solved: Solved, options: InertialOptions) -> tuple[Solved, Mask]:
+def reject(window: Linearised, solved: Solved, options: InertialOptions) -> Solved:
     """Reject the worst row of each epoch by turns until all agree (Baarda's data snooping).
 
     The residual of a row is judged by its own σ after the fit: a row that the fit follows
     whatever it says has a small residual and a small σ of it.
     """
-    inliers = np.ones(len(solved.window), dtype=bool)
-    epoch = solved.window.rows.rows.epoch
+    inliers = solved.inliers.copy()
+    epoch = solved.window.stretch.rows.epoch
     for _ in range(40):
-        k = int(np.sum(inliers))
-        jacobian, residual = solved.joint(inliers)
-        basis = np.asarray(np.linalg.qr(jacobian)[0])[:k]
-        left = np.maximum(1.0 - np.sum(basis * basis, axis=1), 1e-6)
-        score = np.zeros(len(inliers))
-        score[inliers] = np.abs(residual[:k]) / np.sqrt(left)
-        # A row that nothing checks cannot be judged.
-        score[inliers] *= left > 1e-3
+        score = solved.scores()
         worst = float(score.max())
         if worst <= options.cutoff or np.mean(~inliers) > 0.5:
             break
         # Only what is nearly as bad as the worst: the others may suffer from it.
         bad = score > max(options.cutoff, 0.6 * worst)
+        inliers = inliers.copy()
         for e in np.unique(epoch[bad]):
             rows = np.flatnonzero(epoch == e)
             inliers[rows[np.argmax(score[rows])]] = False
         solved = settle(window, solved.window.biases, options, None, inliers)
-    return solved, inliers
+    return solved
 
 
 def consensus(inliers: Mask, options: InertialOptions) -> Verdict:
@@ -71,8 +66,8 @@ def separation(
     without a satellite differs from that with it by P_without − P_with if the satellite is sound
     (solution separation, as in receiver integrity monitoring); the largest of these tests counts.
     """
-    rows = solved.window.rows
-    _, cov = solved.estimate(result, inliers)
+    rows = solved.window.stretch.rows
+    _, cov = solved.estimate(result)
     limit = region_threshold(1.0 - 1e-4)
     worst, name = 0.0, ""
     for sat in np.unique(rows.sat[inliers]):
@@ -81,7 +76,7 @@ def separation(
             without = settle(window, solved.window.biases, options, solved.C_ew, others)
         except AlignmentError:
             return Verdict(Ask.SEPARATION, False, np.inf, limit, f"nothing is left without {sat}")
-        _, wider = without.estimate(result, others)
+        _, wider = without.estimate(result)
         off = without.C_ew @ solved.C_ew.T
         turn_e = 0.5 * np.array(
             [off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]]

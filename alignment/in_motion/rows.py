@@ -25,10 +25,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...datasets.observations import GnssObservations
 from ...filters.earth import OMEGA_IE_SKEW, gravitation_e
-from ...filters.errors import DataError
 from ...filters.rotation import FloatArray
 from ...velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows
-from ..problem import AlignmentRows
 from .track import InertialTrack, earth_turn, summed
 
 
@@ -161,84 +159,72 @@ def _spaced(time: FloatArray, interval: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class InertialRows:
-    """Rows of one window, tied to its anchor.
+    """Rows of one window in the axes of its last epoch, the anchor: z = e·(C_ew·vel_w + v_e) − cδṫ.
 
     Attributes
     ----------
-    rows : AlignmentRows
-        z = e·C_ew·vel_w + e·v_e − cδṫ, axes e of the anchor's instant; `vel_w` is Δv_w with the
-        lever arm's part.
-    track : InertialTrack
+    time : ndarray, shape (n,)
+        Of the epochs [s].
+    first : ndarray of int, shape (n + 1,)
+        First row of each epoch, and the number of rows.
+    e_e : ndarray, shape (k, 3)
+        Axes e of the anchor, as all that follows.
+    z, sigma : ndarray, shape (k,)
+        [m/s].
+    gravity_dv : ndarray, shape (n, 3)
+        ∫ gravitation dt from the anchor [m/s].
     source : ndarray of int, shape (k,)
         Index of the observation a row came from.
     sat : ndarray of str, shape (k,)
-    gravity_dv : ndarray, shape (n, 3)
-        ∫ gravitation dt from the anchor at the track's instants, axes e of the anchor [m/s].
     """
 
-    rows: AlignmentRows
-    track: InertialTrack
+    time: FloatArray
+    first: NDArray[np.int64]
+    e_e: FloatArray
+    z: FloatArray
+    sigma: FloatArray
+    gravity_dv: FloatArray
     source: np.ndarray
     sat: np.ndarray
-    gravity_dv: FloatArray
 
     def __repr__(self) -> str:
-        return f"<InertialRows, {len(self.rows)} on {self.track!r}>"
+        return f"<InertialRows, {len(self)} at {self.time.size} epochs>"
+
+    def __len__(self) -> int:
+        return self.z.size
 
     @property
-    def nuisance(self) -> FloatArray:
-        """Columns of v_e, the IMU's velocity at the anchor, for `build_problem`, shape (k, 3)."""
-        return self.rows.e_e
-
-    @property
-    def duration(self) -> float:
-        """[s]."""
-        return float(self.track.time[-1] - self.track.time[0])
-
-    def columns(self, C_ew: ArrayLike, response_w: ArrayLike) -> FloatArray:
-        """Return e·C_ew·response, what a change of Δv_w does to the rows, shape (k, m).
-
-        Parameters
-        ----------
-        C_ew : array_like, shape (3, 3)
-        response_w : array_like, shape (n, 3, m)
-            Change of Δv_w at the track's instants by m unknowns.
-        """
-        e_w = self.rows.e_e @ np.asarray(C_ew, dtype=float)
-        return np.einsum("ki,kim->km", e_w, np.asarray(response_w)[self.rows.epoch])
+    def epoch(self) -> NDArray[np.int64]:
+        """Of each row, shape (k,)."""
+        return np.repeat(np.arange(self.time.size), np.diff(self.first))
 
 
-def inertial_rows(
-    doppler: InertialDoppler,
-    track: InertialTrack,
-    lever_b: ArrayLike = (0.0, 0.0, 0.0),
-    *,
-    anchor: int | None = None,
-) -> InertialRows:
-    """Return the rows of a window, tied to an anchor.
+def inertial_rows(doppler: InertialDoppler) -> InertialRows:
+    """Return the rows of a window, tied to its last epoch."""
+    time, epoch = doppler.time, doppler.epoch
+    # From the axes of the first epoch, in which gravitation was summed, to those of the anchor.
+    to_anchor = earth_turn(time[0] - time[-1])
+    gravity = (doppler.gravity_dv - doppler.gravity_dv[-1]) @ to_anchor.T
+    carried = gravity + OMEGA_IE_SKEW @ doppler.pos_e[-1]
+    turn = earth_turn(time - time[-1])[epoch]
+    e_e = np.ascontiguousarray(np.sum(turn * doppler.e_e[:, None, :], axis=2))
+    z = doppler.z - np.sum(e_e * carried[epoch], axis=1)
+    first = np.searchsorted(epoch, np.arange(time.size + 1))
+    return InertialRows(
+        time, first, e_e, z, doppler.sigma, gravity, doppler.source, doppler.sat
+    )  # fmt: skip
+
+
+def antenna_velocity(track: InertialTrack, lever_b: FloatArray) -> FloatArray:
+    """Return vel_w = Δv_w + C_wb ω × l at the track's instants, shape (n, 3).
 
     Parameters
     ----------
-    doppler : InertialDoppler
     track : InertialTrack
-        At `doppler.time`.
-    lever_b : array_like, shape (3,)
+    lever_b : ndarray, shape (3,)
         IMU to antenna, body axes [m].
-    anchor : int, optional
-        Epoch whose axes are kept; default: the last.
     """
-    if not np.array_equal(track.time, doppler.time):
-        raise DataError("inertial rows: the track must be at the Doppler's epochs")
-    part = track.part(0, len(track) - 1, anchor)
-    k = part.anchor
-    lever = np.cross(part.omega_b, np.asarray(lever_b, dtype=float))
-    vel_w = part.dv_w + np.einsum("nij,nj->ni", part.C_wb, lever)
-    # From the axes of the first epoch, in which gravitation was summed, to those of the anchor.
-    to_anchor = earth_turn(doppler.time[:1] - doppler.time[k])[0]
-    gravity = (doppler.gravity_dv - doppler.gravity_dv[k]) @ to_anchor.T
-    carried = gravity + OMEGA_IE_SKEW @ doppler.pos_e[k]
-    epoch = doppler.epoch
-    e_e = np.einsum("kij,kj->ki", earth_turn(part.time - part.time[k])[epoch], doppler.e_e)
-    z = doppler.z - np.sum(e_e * carried[epoch], axis=1)
-    rows = AlignmentRows(e_e, vel_w[epoch], z, doppler.sigma, epoch, part.time[epoch])
-    return InertialRows(rows, part, doppler.source, doppler.sat, gravity)
+    x, y, z = lever_b.tolist()
+    p, q, r = track.omega_b.T
+    across = np.stack([q * z - r * y, r * x - p * z, p * y - q * x], axis=1)
+    return track.dv_w + np.sum(track.C_wb * across[:, None, :], axis=2)

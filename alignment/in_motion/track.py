@@ -19,6 +19,15 @@ from ...filters.earth import EARTH_RATE
 from ...filters.errors import AlignmentError, DataError
 from ...filters.rotation import FloatArray, matrix_from_rotvec, skew
 from ...filters.strapdown import InertialStream
+from . import track_kernels as kernels
+
+#: Biases between which integrals are carried by their derivatives: half of these at most, over
+#: parts no longer than `_LONGEST` [rad/s], [m/s²], [s].
+_GRID: FloatArray = np.array([1e-3] * 3 + [0.4] * 3)
+_LONGEST = 0.3
+#: Points of the grid for which parts are kept: an estimate near the edge of a cell has eight around
+#: it, and the next window begins at what is known beforehand again.
+_CELLS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,23 +87,119 @@ class InertialTrack:
         elapsed = self.time[k] - self.time[self.anchor]
         return earth_turn([elapsed])[0].T @ np.asarray(C_ew, dtype=float) @ self.C_wb[k]
 
-    def response(self, start: int, end: int) -> tuple[FloatArray, FloatArray]:
-        """Return what a gyro bias that is there between two of the instants only does.
+    def responses(self, ends: ArrayLike) -> FloatArray:
+        """Return what errors of the sensors do to dv_w, anchored at the last instant.
+
+        Parameters
+        ----------
+        ends : array_like of int, shape (p + 1,)
+            Instants, ascending, that bound p parts of the track.
 
         Returns
         -------
-        turn, change : ndarray, shape (n, 3, 3)
-            A δ of it turns C_wb by −turn·δ (w axes) and changes dv_w by change·δ.
+        ndarray, shape (n, 3, 12 + 3p)
+            Change of dv_w by biases (gyro, accelerometer) and scale factors (likewise), and by a
+            gyro bias that is there in each of the parts only.
         """
-        at = np.clip(np.arange(len(self)), start, end)
-        A, B = self.A[:, :, :3], self.B[:, :, :3]
-        turn = A[at] - A[start]
-        change = B[at] - B[start] - skew(self.dv_w[at] - self.dv_w[start]) @ A[start]
-        change = change + skew(self.dv_w - self.dv_w[at]) @ turn
-        # Nothing has happened yet at the anchor, whichever side of it the part is on.
-        k = self.anchor
-        change = change - change[k] - skew(self.dv_w - self.dv_w[k]) @ turn[k]
-        return turn - turn[k], change
+        if self.anchor != len(self) - 1:
+            raise ValueError("responses: the anchor must be the last instant")
+        ends = np.asarray(ends, dtype=np.int64)
+        out = np.empty((len(self), 3, 9 + 3 * ends.size))
+        kernels.responses(self.dv_w, self.A, self.B, self.F, ends, out)
+        return out
+
+
+class ImuParts:
+    """What an IMU did between instants, integrated once and kept for the next window.
+
+    A window that slides by an epoch needs one part more, and its integrals at other biases follow
+    from those at hand (`track_kernels`) as long as they are near. Biases that parts are integrated
+    with lie on a grid: what comes out depends on data and biases alone, not on what was asked
+    before.
+
+    Parameters
+    ----------
+    stream : InertialStream
+        May grow.
+    """
+
+    def __init__(self, stream: InertialStream) -> None:
+        self.stream = stream
+        self._kept: dict[tuple[float, ...], tuple[FloatArray, FloatArray, int]] = {}
+
+    def track(self, time: ArrayLike, biases: ArrayLike) -> InertialTrack:
+        """Return the integrals at the instants, anchored at the last of them.
+
+        Parameters
+        ----------
+        time : array_like, shape (n,)
+            Ascending, within the stream [s].
+        biases : array_like, shape (6,)
+            Of gyro [rad/s] and accelerometer [m/s²], subtracted.
+
+        Raises
+        ------
+        AlignmentError
+            If the IMU data do not cover the instants.
+        """
+        time, biases = np.asarray(time, dtype=float), np.asarray(biases, dtype=float)
+        self._refuse(time)
+        fine = _cut(time)
+        near = _GRID * np.round(biases / _GRID)
+        parts, off, n = self._at(fine, near), biases - near, fine.size
+        C, dv, omega = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
+        A, B, F = np.empty((n, 3, 6)), np.empty((n, 3, 6)), np.empty((n, 3, 6))
+        kernels.compose(parts, off[:3], off[3:], C, dv, A, B, F, omega)
+        if n > time.size:
+            here = np.searchsorted(fine, time)
+            C, dv, A, B, F, omega = (each[here] for each in (C, dv, A, B, F, omega))
+        return InertialTrack(time, time.size - 1, C, dv, A, B, F, omega)
+
+    def _refuse(self, time: FloatArray) -> None:
+        stream = self.stream
+        if time.ndim != 1 or not time.size or np.any(time[1:] <= time[:-1]):
+            raise DataError("inertial track: expected ascending times")
+        if time[0] < stream.start - 1e-9 or time[-1] > stream.end + 1e-9:
+            raise AlignmentError(
+                f"the IMU data ({stream.start:.1f}…{stream.end:.1f} s) do not cover the window "
+                f"{time[0]:.1f}…{time[-1]:.1f} s"
+            )
+
+    def _at(self, time: FloatArray, near: FloatArray) -> FloatArray:
+        """Return the parts between the instants, and one of no length at the last.
+
+        They are integrated with biases of the grid.
+        """
+        key, n = tuple(near.tolist()), time.size
+        known, kept, whole = self._kept.pop(key, (time[:0], np.empty((0, 3, kernels.PART)), 0))
+        if not np.array_equal(known, time):
+            begin = int(np.searchsorted(known, time[0]))
+            same = max(min(whole - begin, n), 0)
+            if not np.array_equal(known[begin : begin + same], time[:same]):
+                same = 0
+            same = max(same - 1, 0)
+            parts = np.empty((n, 3, kernels.PART))
+            parts[:same] = kept[begin : begin + same]
+            self._integrate(np.append(time[same:], time[-1]), near, parts[same:])
+            # Slopes within a sample wait for the one after it.
+            after = self.stream.edges[max(len(self.stream) - 2, 0)]
+            known, kept, whole = time, parts, int(np.searchsorted(time, after))
+        self._kept[key] = known, kept, whole
+        if len(self._kept) > _CELLS:
+            del self._kept[next(iter(self._kept))]
+        return kept
+
+    def _integrate(self, time: FloatArray, biases: FloatArray, parts: FloatArray) -> None:
+        stream = self.stream
+        first = max(stream.index(float(time[0])) - 1, 0)
+        last = int(np.searchsorted(stream.edges, time[-1] + 1e-9)) + 2
+        edges, gyro = stream.edges[first : last + 1], stream.gyro[first:last]
+        accel = stream.accel[first:last]
+        begin = int(np.searchsorted(edges, time[0] + 1e-9, side="right")) - 1
+        kernels.integrate(
+            edges, gyro, accel, _slopes(edges, gyro), _slopes(edges, accel),
+            min(max(begin, 0), len(gyro) - 1), time, biases, parts,
+        )  # fmt: skip
 
 
 def inertial_track(
@@ -121,93 +226,40 @@ def inertial_track(
     AlignmentError
         If the IMU data do not cover the instants.
     """
-    time = np.asarray(time, dtype=float)
-    if time.ndim != 1 or not time.size or np.any(np.diff(time) <= 0.0):
-        raise DataError("inertial track: expected ascending times")
-    if time[0] < stream.start - 1e-9 or time[-1] > stream.end + 1e-9:
-        raise AlignmentError(
-            f"the IMU data ({stream.start:.1f}…{stream.end:.1f} s) do not cover the window "
-            f"{time[0]:.1f}…{time[-1]:.1f} s"
-        )
-    first = max(stream.index(time[0]) - 1, 0)
-    last = int(np.searchsorted(stream.edges, time[-1] + 1e-9)) + 1
-    edges = stream.edges[first : last + 1]
-    gyro = stream.gyro[first:last] - np.asarray(gyro_bias, dtype=float)
-    force = stream.accel[first:last] - np.asarray(accel_bias, dtype=float)
-    width = np.diff(edges)
-    gyro_slope, force_slope = _slopes(edges, gyro), _slopes(edges, force)
-    turn, dv_b = _increments(gyro, force, gyro_slope, force_slope, width)
-    C = _chained(matrix_from_rotvec(turn))
-    dv = summed(np.einsum("kij,kj->ki", C[:-1], dv_b))
-    A = summed(_trapezium(C[:-1], C[1:], gyro, width))
-    F = summed(_trapezium(C[:-1], C[1:], force, width))
-    B = summed(skew(np.diff(dv, axis=0)) @ (0.5 * (A[:-1] + A[1:])))
+    track = ImuParts(stream).track(time, np.concatenate([gyro_bias, accel_bias]))
+    return track.part(0, len(track) - 1, 0)
 
-    # From the edge before to each instant, with the mean rates of the part of the sample.
-    k = np.clip(np.searchsorted(edges, time + 1e-9, side="right") - 1, 0, width.size - 1)
-    h = time - edges[k]
-    middle = (0.5 * (h - width[k]))[:, None]
-    turn, dv_b = _increments(
-        gyro[k] + gyro_slope[k] * middle, force[k] + force_slope[k] * middle,
-        gyro_slope[k], force_slope[k], h,
-    )  # fmt: skip
-    C_here = C[k] @ matrix_from_rotvec(turn)
-    step = np.einsum("kij,kj->ki", C[k], dv_b)
-    A_here = A[k] + _trapezium(C[k], C_here, gyro[k], h)
-    F_here = F[k] + _trapezium(C[k], C_here, force[k], h)
-    B_here = B[k] + skew(step) @ (0.5 * (A[k] + A_here))
-    omega = gyro[k] + gyro_slope[k] * (h - 0.5 * width[k])[:, None]
-    track = InertialTrack(time, 0, C_here, dv[k] + step, A_here, B_here, F_here, omega)
-    return track.part(0, time.size - 1, 0)
+
+def _cut(time: FloatArray) -> FloatArray:
+    """Return the instants with others between them where they are far apart."""
+    width = np.diff(time)
+    count = np.ceil(width / _LONGEST).astype(np.int64)
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    fine = np.repeat(time[:-1], count) + within * np.repeat(width / count, count)
+    return np.append(fine, time[-1])
+
+
+def _slopes(edges: FloatArray, rate: FloatArray) -> FloatArray:
+    """Return the rates of change within samples; zero next to a gap and at the ends.
+
+    At a gap one of three samples is half as long again as the middle one of them, or half as long.
+    """
+    slope = np.zeros_like(rate)
+    if len(rate) < 3:
+        return slope
+    width = edges[1:] - edges[:-1]
+    a, b, c = width[:-2], width[1:-1], width[2:]
+    least, most = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    middle = a + b + c - least - most
+    fine = (most < 1.5 * middle) & (least > 0.5 * middle)
+    slope[1:-1] = ((rate[2:] - rate[:-2]) / (0.5 * (a + c) + b)[:, None]) * fine[:, None]
+    return slope
 
 
 def _span(time: FloatArray) -> str:
     if not time.size:
         return "0 epochs"
     return f"{time.size} epochs, {time[0]:.1f}…{time[-1]:.1f} s"
-
-
-def _slopes(edges: FloatArray, rate: FloatArray) -> FloatArray:
-    """Return the rates of change within samples; zero next to a gap and at the ends."""
-    width = np.diff(edges)
-    slope = np.zeros_like(rate)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    usual = np.abs(width - np.median(width)) < 0.5 * np.median(width)
-    fine = usual[:-2] & usual[1:-1] & usual[2:]
-    central = (rate[2:] - rate[:-2]) / (middle[2:] - middle[:-2])[:, None]
-    slope[1:-1] = np.where(fine[:, None], central, 0.0)
-    return slope
-
-
-def _increments(
-    rate: FloatArray, force: FloatArray, rate_slope: FloatArray, force_slope: FloatArray,
-    width: FloatArray,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Return rotation vector and velocity increment, axes of the beginning, shape (n, 3) each."""
-    h = width[:, None]
-    twelfth = h**3 / 12.0
-    turned = np.cross(rate, force)
-    dv_b = h * force + 0.5 * h**2 * turned + h**3 / 6.0 * np.cross(rate, turned)
-    dv_b = dv_b + twelfth * (np.cross(rate, force_slope) + np.cross(force, rate_slope))
-    return h * rate + twelfth * np.cross(rate, rate_slope), dv_b
-
-
-def _trapezium(
-    before: FloatArray, after: FloatArray, rate: FloatArray, width: FloatArray
-) -> FloatArray:
-    """Return ∫C [I, diag rate] dt over intervals, shape (n, 3, 6)."""
-    C = 0.5 * width[:, None, None] * (before + after)
-    return np.concatenate([C, C * rate[:, None, :]], axis=2)
-
-
-def _chained(steps: FloatArray) -> FloatArray:
-    """Return all products 1, S₀, S₀S₁ … of n rotations, shape (n + 1, 3, 3), in log₂ n passes."""
-    out = np.concatenate([np.eye(3)[None], steps])
-    reach = 1
-    while reach < len(out):
-        out[reach:] = out[:-reach] @ out[reach:]
-        reach *= 2
-    return out
 
 
 def summed(increments: FloatArray) -> FloatArray:

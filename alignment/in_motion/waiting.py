@@ -21,8 +21,9 @@ from ...filters.standstill import is_quiet
 from ...filters.strapdown import InertialStream
 from ...velocity.range_rate import doppler_rows
 from ..result import Ask
-from .align import InertialAlignment, align_epochs, glimpse
+from .align import InertialAlignment, align_epochs
 from .rows import DopplerEpoch, joined
+from .track import ImuParts
 from .unknowns import InertialOptions
 
 #: Spread of z over satellites, in σ, up to which an epoch looks like a standstill.
@@ -123,6 +124,7 @@ class MotionAligner:
         self._rest: tuple[FloatArray, float] | None = None
         self._near: FloatArray | None = None
         self._began, self._tried = np.nan, -np.inf
+        self._parts = ImuParts(stream)
 
     def add(self, epoch: DopplerEpoch, attempt: bool = True) -> Attempt | None:
         """Take an epoch later than those before; return the attempt that was due, if one was.
@@ -160,18 +162,22 @@ class MotionAligner:
         if self._rest is not None:
             mean, sigma = self._rest
             options = replace(options, gyro_bias=mean, gyro_bias_sigma=sigma)
-        doppler = joined(self._epochs)
+        doppler, near = joined(self._epochs), self._near
         try:
-            if self._near is None:
-                sigma = glimpse(self.stream, doppler, self.lever_b, options)
-                if sigma > _HOPELESS * self.options.sigma_heading:
-                    return Attempt(start, time, False, _too_wide(sigma, self.options), None)
-            found = align_epochs(self.stream, doppler, self.lever_b, options, gyro_bias=self._near)
+            found = align_epochs(
+                self._parts, doppler, self.lever_b, options, gyro_bias=near,
+                look=self._refuse_hopeless if near is None else None,
+            )  # fmt: skip
         except AlignmentError as error:
             return Attempt(start, time, False, str(error), None)
         # Where to linearise next: an estimate that passed, else none.
         self._near = found.gyro_bias if found.passed else None
         return _judged(found, self.options)
+
+    def _refuse_hopeless(self, sigma: float) -> None:
+        """Raise if nothing can come of a window whose heading at first sight has this 1σ [rad]."""
+        if sigma > _HOPELESS * self.options.sigma_heading:
+            raise AlignmentError(_too_wide(sigma, self.options))
 
     def _at_rest(self) -> tuple[FloatArray, float] | None:
         """Return the gyro bias of the standstill that lasts, with its σ; None if there is none.

@@ -99,13 +99,14 @@ def separation_of(monkeypatch, moves, wider, cov):
             raise AlignmentError("too few")
         return SimpleNamespace(
             C_ew=matrix_from_rotvec(moves[k]) @ C_ew,
-            estimate=lambda result, rows: (None, wider[k]),
+            estimate=lambda result: (None, wider[k]),
         )
 
     monkeypatch.setattr(doubts, "settle", settle)
+    stretch = SimpleNamespace(rows=SimpleNamespace(sat=sats))
     solved = SimpleNamespace(
-        window=SimpleNamespace(rows=SimpleNamespace(sat=sats), biases=np.zeros(6)), C_ew=C_ew,
-        estimate=lambda result, rows: (None, cov),
+        window=SimpleNamespace(stretch=stretch, biases=np.zeros(6)), C_ew=C_ew,
+        estimate=lambda result: (None, cov),
     )  # fmt: skip
     verdict = doubts.separation(None, solved, None, inliers, OPTIONS)
     assert verdict.name is Ask.SEPARATION

@@ -5,14 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from certnav.alignment.in_motion.rows import DopplerEpoch
 from certnav.alignment.in_motion.unknowns import InertialOptions
-from certnav.alignment.in_motion.waiting import MotionOptions, attempts, wait_for_alignment
+from certnav.alignment.in_motion.waiting import (
+    MotionAligner,
+    MotionOptions,
+    attempts,
+    wait_for_alignment,
+)
 from certnav.alignment.problem import ClockModel
 from certnav.alignment.solver.refinement import rotation_angle
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import AlignmentError, ConfigError
 from certnav.filters.strapdown import InertialStream
-from certnav.velocity.range_rate import DopplerNoise
+from certnav.velocity.range_rate import DopplerNoise, doppler_rows
 
 INERTIAL = InertialOptions(noise=DopplerNoise(0.03, 0.02), clock=ClockModel("random-walk", 0.03))
 
@@ -48,6 +54,33 @@ def test_waits_says_why_and_starts(moving):
     assert rotation_angle(attitude.C_eb, truth) < np.radians(5.0)
     assert attitude.sigma_heading <= np.radians(1.5)
     assert attitude.method == "certified"
+
+
+def test_live_is_the_recording(moving):
+    """Samples and epochs as they come, a twentieth of a second late: the same in every attempt."""
+    simulation, stream, observations, pos_e = moving
+    lever, options = simulation.calibration.lever_antenna_b, MotionOptions(INERTIAL, every=3.0)
+    recorded = list(attempts(stream, observations, pos_e, lever, options))
+    live = InertialStream.live(stream.edges[1] - stream.edges[0])
+    aligner, reached, made = MotionAligner(live, lever, options), 0, []
+    rows = doppler_rows(observations, pos_e, INERTIAL.noise)
+    for time, here in observations.epochs():
+        until = int(np.searchsorted(stream.edges[1:], time + 0.05))
+        for k in range(reached, until):
+            live.append(stream.edges[k + 1], stream.gyro[k], stream.accel[k])
+        reached = until
+        if stream.start <= time <= stream.end:
+            epoch = rows.take((rows.row >= here.start) & (rows.row < here.stop))
+            made.append(aligner.add(DopplerEpoch(time, pos_e[here.start], epoch)))
+    made = [attempt for attempt in made if attempt is not None]
+    assert [a.message for a in made] == [a.message for a in recorded]
+    solved = [(a.alignment, b.alignment) for a, b in zip(made, recorded, strict=True)]
+    assert sum(a is not None for a, _ in solved) > 5
+    for a, b in solved:
+        if a is not None:
+            assert b is not None and a.passed == b.passed
+            np.testing.assert_allclose(a.C_eb, b.C_eb, rtol=0.0, atol=1e-9)
+            np.testing.assert_allclose(a.cov, b.cov, rtol=1e-9, atol=1e-9 * np.abs(b.cov).max())
 
 
 def test_gives_up_with_the_last_reason_and_a_remedy(moving):
