@@ -34,6 +34,16 @@ def _exponential(x, y, z, R):
 
 
 @njit(cache=True)
+def _turned(part, dv, weight):
+    """B += weight · [dv ×] A."""
+    for j in range(4, 10):
+        x, y, z = part[0, j], part[1, j], part[2, j]
+        part[0, 6 + j] += weight * (dv[1] * z - dv[2] * y)
+        part[1, 6 + j] += weight * (dv[2] * x - dv[0] * z)
+        part[2, 6 + j] += weight * (dv[0] * y - dv[1] * x)
+
+
+@njit(cache=True)
 def _step(part, w, f, ws, fs, h, R, dv, S):
     """Go on in place by `h` seconds of mean rate `w` and force `f`, with slopes `ws` and `fs`.
 
@@ -52,31 +62,19 @@ def _step(part, w, f, ws, fs, h, R, dv, S):
     _exponential(S[0, 0], S[0, 1], S[0, 2], R)
     for i in range(3):
         dv[i] = part[i, 0] * S[1, 0] + part[i, 1] * S[1, 1] + part[i, 2] * S[1, 2]
-    for j in range(4, 10):
-        x, y, z = part[0, j], part[1, j], part[2, j]
-        part[0, 6 + j] += dv[1] * z - dv[2] * y
-        part[1, 6 + j] += dv[2] * x - dv[0] * z
-        part[2, 6 + j] += dv[0] * y - dv[1] * x
-    for i in range(3):
         part[i, 3] += dv[i]
+    _turned(part, dv, 0.5)
+    for i in range(3):
         p, q, r = part[i, 0], part[i, 1], part[i, 2]
         for j in range(3):
-            c = p * R[0, j] + q * R[1, j] + r * R[2, j]
-            S[i, j] = 0.5 * h * (part[i, j] + c)
-            part[i, j] = c
-    for j in range(3):
-        x, y, z = S[0, j], S[1, j], S[2, j]
-        S[0, j] = 0.5 * (dv[1] * z - dv[2] * y)
-        S[1, j] = 0.5 * (dv[2] * x - dv[0] * z)
-        S[2, j] = 0.5 * (dv[0] * y - dv[1] * x)
-        for i in range(3):
-            s = x if i == 0 else (y if i == 1 else z)
-            part[i, 4 + j] += s
-            part[i, 7 + j] += s * w[j]
-            part[i, 10 + j] += S[i, j]
-            part[i, 13 + j] += S[i, j] * w[j]
-            part[i, 16 + j] += s
-            part[i, 19 + j] += s * f[j]
+            before = part[i, j]
+            part[i, j] = p * R[0, j] + q * R[1, j] + r * R[2, j]
+            mean = 0.5 * h * (before + part[i, j])
+            part[i, 4 + j] += mean
+            part[i, 7 + j] += mean * w[j]
+            part[i, 16 + j] += mean
+            part[i, 19 + j] += mean * f[j]
+    _turned(part, dv, 0.5)
 
 
 @njit(cache=True)
@@ -110,88 +108,61 @@ def integrate(edges, gyro, accel, gyro_slope, accel_slope, first, time, bias, pa
 
 
 @njit(cache=True)
-def _moved(part, dg, da, R, H, out):
+def _moved(part, dg, da, R, H, v, out):
     """out ← a part with the biases dg and da larger than those it was integrated with.
 
-    To the second order in the turn t that dg makes over the part, and exactly in da at dg = 0: the
-    turn grows evenly, half of it is there on the average, a sixth of t × (t × Δv) is what the
-    square leaves in Δv, and a force −da that turns along with it makes ½ t × that.
+    dg turns it by t in the end and evenly until then: t/2 on the average. To the second order
+    Δv changes by u = B dg and t × u/3, the force −da makes w = −F da and t × w/2 of it.
     """
-    x = -(part[0, 4] * dg[0] + part[0, 5] * dg[1] + part[0, 6] * dg[2])
-    y = -(part[1, 4] * dg[0] + part[1, 5] * dg[1] + part[1, 6] * dg[2])
-    z = -(part[2, 4] * dg[0] + part[2, 5] * dg[1] + part[2, 6] * dg[2])
+    for i in range(3):
+        v[0, i] = -(part[i, 4] * dg[0] + part[i, 5] * dg[1] + part[i, 6] * dg[2])
+        u = part[i, 10] * dg[0] + part[i, 11] * dg[1] + part[i, 12] * dg[2]
+        v[1, i] = -(part[i, 16] * da[0] + part[i, 17] * da[1] + part[i, 18] * da[2])
+        v[2, i] = u / 3.0 + 0.5 * v[1, i]
+        out[i, 3], out[i, 22] = part[i, 3] + u + v[1, i], part[i, 22] - dg[i]
+    x, y, z = v[0, 0], v[0, 1], v[0, 2]
+    out[0, 3] += y * v[2, 2] - z * v[2, 1]
+    out[1, 3] += z * v[2, 0] - x * v[2, 2]
+    out[2, 3] += x * v[2, 1] - y * v[2, 0]
     _exponential(x, y, z, R)
     _exponential(0.5 * x, 0.5 * y, 0.5 * z, H)
-    along, square = x * part[0, 3] + y * part[1, 3] + z * part[2, 3], x * x + y * y + z * z
     for i in range(3):
-        t = x if i == 0 else (y if i == 1 else z)
-        out[i, 3] = part[i, 3] + (along * t - square * part[i, 3]) / 6.0
-        out[i, 22] = 0.0  # the change of force, for now
         for j in range(3):
-            out[i, 3] += part[i, 10 + j] * dg[j]
-            out[i, 22] -= part[i, 16 + j] * da[j]
             out[i, j] = R[i, 0] * part[0, j] + R[i, 1] * part[1, j] + R[i, 2] * part[2, j]
         for j in range(4, 22):
             out[i, j] = H[i, 0] * part[0, j] + H[i, 1] * part[1, j] + H[i, 2] * part[2, j]
         for j in range(3):
             out[i, 7 + j] -= out[i, 4 + j] * dg[j]
             out[i, 19 + j] -= out[i, 16 + j] * da[j]
-    p, q, r = out[0, 22], out[1, 22], out[2, 22]
-    out[0, 3] += p + 0.5 * (y * r - z * q)
-    out[1, 3] += q + 0.5 * (z * p - x * r)
-    out[2, 3] += r + 0.5 * (x * q - y * p)
-    for j in range(4, 10):
-        a, b, c = out[0, j], out[1, j], out[2, j]
-        out[0, 6 + j] += 0.5 * (q * c - r * b)
-        out[1, 6 + j] += 0.5 * (r * a - p * c)
-        out[2, 6 + j] += 0.5 * (p * b - q * a)
-    for i in range(3):
-        out[i, 22] = part[i, 22] - dg[i]
+    _turned(out, v[1], 0.5)
 
 
 @njit(cache=True)
-def compose(parts, dg, da, C, dv, A, B, F, omega):
-    """Integrals at the beginnings of all parts, anchored at the last, whose length is zero.
+def compose(parts, dg, da, out):
+    """out ← integrals from the last part, whose length is zero, to the beginning of each.
 
-    The biases are by dg and da larger than those of the parts.
+    Columns as those of parts, axes of the last. Its biases are by dg and da larger than theirs.
     """
     n = parts.shape[0]
-    R, H, part = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, PART))
-    for k in range(n - 1, -1, -1):
-        _moved(parts[k], dg, da, R, H, part)
-        after = min(k + 1, n - 1)
-        if k == n - 1:
-            for i in range(3):
-                dv[k, i] = 0.0
-                for j in range(6):
-                    A[k, i, j], B[k, i, j], F[k, i, j] = 0.0, 0.0, 0.0
-                for j in range(3):
-                    C[k, i, j] = 1.0 if i == j else 0.0
+    R, H, v, dv = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    part = np.zeros((3, PART))
+    for i in range(3):
+        for j in range(PART):
+            out[n - 1, i, j] = 1.0 if i == j else 0.0
+        out[n - 1, i, 22] = parts[n - 1, i, 22] - dg[i]
+    for k in range(n - 2, -1, -1):
+        _moved(parts[k], dg, da, R, H, v, part)
+        here, after = out[k], out[k + 1]
         for i in range(3):
-            p, q, r = C[after, i, 0], C[after, i, 1], C[after, i, 2]
+            p, q, r = after[i, 0], after[i, 1], after[i, 2]
             for j in range(3):
-                C[k, i, j] = p * part[j, 0] + q * part[j, 1] + r * part[j, 2]
-            omega[k, i] = part[i, 22]
-        for i in range(3):
-            p, q, r = C[k, i, 0], C[k, i, 1], C[k, i, 2]
-            # What the part adds to Δv, kept for B.
-            H[0, i] = p * part[0, 3] + q * part[1, 3] + r * part[2, 3]
-            dv[k, i] = dv[after, i] - H[0, i]
-            for j in range(6):
-                A[k, i, j] = A[after, i, j] - (
-                    p * part[0, 4 + j] + q * part[1, 4 + j] + r * part[2, 4 + j]
-                )
-                B[k, i, j] = B[after, i, j] - (
-                    p * part[0, 10 + j] + q * part[1, 10 + j] + r * part[2, 10 + j]
-                )
-                F[k, i, j] = F[after, i, j] - (
-                    p * part[0, 16 + j] + q * part[1, 16 + j] + r * part[2, 16 + j]
-                )
-        for j in range(6):
-            x, y, z = A[k, 0, j], A[k, 1, j], A[k, 2, j]
-            B[k, 0, j] -= H[0, 1] * z - H[0, 2] * y
-            B[k, 1, j] -= H[0, 2] * x - H[0, 0] * z
-            B[k, 2, j] -= H[0, 0] * y - H[0, 1] * x
+                here[i, j] = p * part[j, 0] + q * part[j, 1] + r * part[j, 2]
+            p, q, r = here[i, 0], here[i, 1], here[i, 2]
+            for j in range(3, 22):
+                here[i, j] = after[i, j] - (p * part[0, j] + q * part[1, j] + r * part[2, j])
+            here[i, 22] = part[i, 22]
+            dv[i] = here[i, 3] - after[i, 3]
+        _turned(here, dv, 1.0)
 
 
 @njit(cache=True)

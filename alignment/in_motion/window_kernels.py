@@ -23,89 +23,6 @@ _CHECKED = 1e-3
 _SUMS = {"reassoc", "contract"}
 
 
-@njit(cache=True)
-def _reduced(a, b, keep, e, z, sigma, small):
-    """small ← a triangle of the rows a … b − 1 that are kept; return how many rows it has."""
-    k = 0
-    for r in range(a, b):
-        if keep[r]:
-            s = 1.0 / sigma[r]
-            small[k, 0], small[k, 4] = -s, -s * z[r]
-            for i in range(3):
-                small[k, 1 + i] = s * e[r, i]
-            k += 1
-    for j in range(min(5, k - 1)):
-        square = 0.0
-        for r in range(j + 1, k):
-            square += small[r, j] * small[r, j]
-        if square == 0.0:
-            continue
-        norm = np.sqrt(small[j, j] * small[j, j] + square)
-        if small[j, j] > 0.0:
-            norm = -norm
-        head = small[j, j] - norm
-        beta = 2.0 / (square + head * head)
-        for c in range(j + 1, 5):
-            d = head * small[j, c]
-            for r in range(j + 1, k):
-                d += small[r, j] * small[r, c]
-            d *= beta
-            small[j, c] -= d * head
-            for r in range(j + 1, k):
-                small[r, c] -= d * small[r, j]
-        small[j, j] = norm
-        for r in range(j + 1, k):
-            small[r, j] = 0.0
-    return min(k, 5)
-
-
-@njit(cache=True)
-def without_clock(first, keep, e, z, sigma, walk, held, late, W, M, carry):
-    """M[column, row] ← rows over [unknowns; x] without the clock; return how many.
-
-    W has the columns of each epoch before the line of sight is applied. carry ← −drift at the last
-    epoch as a function of [unknowns; x]. `held` is 1/σ of what nothing holds; `late`, if there is
-    any, the time that goes with a clock rate, which is then the last unknown. M needs up to 4n + 1
-    rows.
-    """
-    P, most = M.shape[0], 0
-    for t in range(first.size - 1):
-        most = max(most, first[t + 1] - first[t])
-    small = np.zeros((most, 5))
-    rho, rows, alone = held, 0, 0.0
-    for c in range(P):
-        carry[c] = 0.0
-    for t in range(first.size - 1):
-        if t:
-            f = 1.0 / np.sqrt(1.0 + (rho * walk[t - 1]) ** 2)
-            rho = rho * f if f > 0.0 else held
-            for c in range(P):
-                carry[c] *= f
-        for r in range(_reduced(first[t], first[t + 1], keep, e, z, sigma, small)):
-            s = small[r]
-            if r == 4:  # of z alone
-                alone += s[4] * s[4]
-                continue
-            for c in range(P):
-                M[c, rows] = s[1] * W[t, 0, c] + s[2] * W[t, 1, c] + s[3] * W[t, 2, c]
-            M[P - 1, rows] += s[4]
-            if r == 0:
-                if late.size:
-                    M[P - 11, rows] += s[0] * late[t]
-                norm = np.sqrt(rho * rho + s[0] * s[0])
-                a, b = rho / norm, s[0] / norm
-                for c in range(P):
-                    y, x = M[c, rows], carry[c]
-                    M[c, rows], carry[c] = a * y - b * x, b * y + a * x
-                rho = norm
-            rows += 1
-    for c in range(P):
-        M[c, rows] = 0.0
-        carry[c] /= rho
-    M[P - 1, rows] = np.sqrt(alone)
-    return rows + 1
-
-
 @njit(cache=True, fastmath=_SUMS)
 def fold(R, M, rows):
     """Fold the rows M[column, row] into the triangle R."""
@@ -132,6 +49,70 @@ def fold(R, M, rows):
             for r in range(rows):
                 other[r] -= d * v[r]
         R[j, j] = norm
+
+
+@njit(cache=True)
+def _reduced(a, b, keep, e, z, sigma, M, small):
+    """small ← the triangle of the rows a … b − 1 that are kept; return how many these are."""
+    k = 0
+    for r in range(a, b):
+        if keep[r]:
+            M[0, k], M[4, k] = -1.0 / sigma[r], -z[r] / sigma[r]
+            for i in range(3):
+                M[1 + i, k] = e[r, i] / sigma[r]
+            k += 1
+    for i in range(5):
+        for j in range(5):
+            small[i, j] = 0.0
+    fold(small, M, k)
+    return k
+
+
+@njit(cache=True)
+def without_clock(first, keep, e, z, sigma, walk, held, late, W, M, carry):
+    """M[column, row] ← rows over [unknowns; x] without the clock; return how many.
+
+    W has the columns of each epoch before the line of sight is applied. carry ← −drift at the last
+    epoch as a function of [unknowns; x]. `held` is 1/σ of what nothing holds; `late`, if there is
+    any, the time that goes with a clock rate, which is then the last unknown. M needs up to 4n + 1
+    rows.
+    """
+    P, most = M.shape[0], 0
+    for t in range(first.size - 1):
+        most = max(most, first[t + 1] - first[t])
+    small, room = np.zeros((5, 5)), np.zeros((5, most))
+    rho, rows, alone = held, 0, 0.0
+    for c in range(P):
+        carry[c] = 0.0
+    for t in range(first.size - 1):
+        if t:
+            f = 1.0 / np.sqrt(1.0 + (rho * walk[t - 1]) ** 2)
+            rho = rho * f if f > 0.0 else held
+            for c in range(P):
+                carry[c] *= f
+        if not _reduced(first[t], first[t + 1], keep, e, z, sigma, room, small):
+            continue
+        alone += small[4, 4] ** 2  # of z alone
+        for r in range(4):
+            s = small[r]
+            for c in range(P):
+                M[c, rows] = s[1] * W[t, 0, c] + s[2] * W[t, 1, c] + s[3] * W[t, 2, c]
+            M[P - 1, rows] += s[4]
+            if r == 0:
+                if late.size:
+                    M[P - 11, rows] += s[0] * late[t]
+                norm = np.sqrt(rho * rho + s[0] * s[0])
+                a, b = rho / norm, s[0] / norm
+                for c in range(P):
+                    y, x = M[c, rows], carry[c]
+                    M[c, rows], carry[c] = a * y - b * x, b * y + a * x
+                rho = norm
+            rows += 1
+    for c in range(P):
+        M[c, rows] = 0.0
+        carry[c] /= rho
+    M[P - 1, rows] = np.sqrt(alone)
+    return rows + 1
 
 
 @njit(cache=True)
