@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from ..filters.errors import ConfigError
 from .observability import Observability, observability
@@ -207,7 +207,7 @@ def _consistent(cost: float, dof: int, limits: VerdictLimits) -> Verdict:
     if dof < limits.redundancy:
         text = f"{dof} redundant rows, {limits.redundancy} are needed to notice an error"
         return Verdict(Ask.CONSISTENT, False, np.inf, 0.0, text)
-    limit = float(chi2.ppf(limits.consistency, dof)) / dof
+    limit = float(2.0 * gammaincinv(0.5 * dof, limits.consistency)) / dof  # the quantile of χ²
     ratio = cost / dof
     text = f"χ²/dof {ratio:.2f} at {dof}"
     if ratio > limit:

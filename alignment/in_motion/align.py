@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...datasets.observations import GnssObservations
-from ...filters.earth import C_en_of
+from ...filters.earth import gravity_e
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray
 from ...filters.sensors import ImuSpec
@@ -284,6 +284,6 @@ def align_epochs(
 
 
 def _heading(cov_e: FloatArray, pos_e: FloatArray) -> float:
-    """Return 1σ of the rotation about the vertical [rad]."""
-    down_e = C_en_of(pos_e)[:, 2]
-    return float(np.sqrt(down_e @ cov_e @ down_e))
+    """Return 1σ of the rotation about gravity [rad]; that is the vertical to 1e-5 rad."""
+    down_e = gravity_e(pos_e)
+    return float(np.sqrt(down_e @ cov_e @ down_e / (down_e @ down_e)))

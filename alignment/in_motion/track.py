@@ -22,10 +22,10 @@ from ...filters.strapdown import InertialStream
 from . import track_kernels as kernels
 
 #: Biases between which integrals are carried by their derivatives, half of these at most, over
-#: parts no longer than `_LONGEST` [rad/s], [m/s²], [s]. What is left out is of the third order: in a
-#: turn of 0.5 rad/s 1e-9 rad and 1e-7 m/s a part, where Doppler shows 1e-2.
-_GRID: FloatArray = np.array([1e-3] * 3 + [0.4] * 3)
-_LONGEST = 0.3
+#: parts no longer than `_LONGEST` [rad/s], [m/s²], [s]. In a turn of 0.5 rad/s what is left out,
+#: (dT)²ωT/12 of attitude and products of the third order of Δv, is 1e-9 rad and 1e-7 m/s a part.
+_GRID: FloatArray = np.array([2e-3] * 3 + [0.4] * 3)
+_LONGEST = 0.24
 #: Points of the grid for which parts are kept: an estimate near the edge of a cell has eight around
 #: it, and the next window begins at what is known beforehand again.
 _CELLS = 16
