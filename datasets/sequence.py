@@ -40,10 +40,15 @@ class Calibration:
     C_bv : array_like, shape (3, 3)
         Vehicle mounting: ``C_bv @ x_v == x_b``, vehicle axes forward-right-down.
     mounting_source : str
-        Where mounting and `lever_vehicle_b` come from; '' when they are not known, which keeps
-        vehicle constraints off.
+        Where mounting and `lever_vehicle_b` come from; '' when they are not known: both are then
+        only where an estimate of them begins.
     lever_vehicle_b : array_like, shape (3,)
         From the IMU to the point the wheels constrain (middle of the rear axle), body axes [m].
+    mounting_sigma : float
+        How well pitch and yaw of `C_bv` are known where `mounting_source` says whence, 1σ [rad];
+        0: exactly.
+    lever_vehicle_sigma : float
+        The same of `lever_vehicle_b`, per axis [m].
     """
 
     imu: ImuSpec
@@ -53,6 +58,8 @@ class Calibration:
     C_bv: FloatArray = field(default_factory=lambda: np.eye(3))
     lever_vehicle_b: FloatArray = field(default_factory=lambda: np.zeros(3))
     mounting_source: str = ""
+    mounting_sigma: float = 0.0
+    lever_vehicle_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         C_bv = checked("calibration", "C_bv", self.C_bv, (3, 3))

@@ -12,7 +12,7 @@
     gnss_states
     measurements,        z, H, R of positions, velocities and Doppler, and of what a road vehicle
     constraints          does not do
-    levers               velocity of a point beside the IMU
+    levers               points beside the IMU: their velocity; mounting and wheel point
     standstill           when a vehicle stands
     ekf                  the filter: propagate, test, update
     measurement_update   the update itself, compiled and by filterpy

@@ -2,7 +2,8 @@
 
 Each returns z, H, R as in `filters.measurements`. The lateral and vertical velocity is zero at
 the point the wheels constrain, the middle of the rear axle, not at the IMU: in a turn they differ
-by the lever arm times the rate.
+by the lever arm times the rate. Where that point lies and how the IMU is turned in the vehicle is a
+`VehiclePoint`; what of it is estimated has its columns in H.
 """
 
 from __future__ import annotations
@@ -12,15 +13,13 @@ from numpy.typing import ArrayLike
 
 from .earth import OMEGA_IE_E
 from .error_model import ATT, GYRO_BIAS, VEL
-from .levers import lever_velocity, rate_over_earth
+from .levers import VehiclePoint, lever_velocity, rate_over_earth
 from .measurements import Measurement
 from .rotation import FloatArray, skew
 from .strapdown import NavState
 
 
-def vehicle_velocity(
-    state: NavState, omega_b: ArrayLike, C_bv: ArrayLike, lever_b: ArrayLike
-) -> FloatArray:
+def vehicle_velocity(state: NavState, omega_b: ArrayLike, point: VehiclePoint) -> FloatArray:
     """Return the velocity of the constrained point in vehicle axes [m/s].
 
     Parameters
@@ -28,49 +27,53 @@ def vehicle_velocity(
     state : NavState
     omega_b : array_like, shape (3,)
         ω_ib^b, corrected [rad/s].
-    C_bv : array_like, shape (3, 3)
-        Mounting, ``C_bv @ x_v == x_b``.
-    lever_b : array_like, shape (3,)
-        From the IMU to the constrained point, body axes [m].
+    point : VehiclePoint
     """
     rate_b = rate_over_earth(state.C_eb, omega_b)
-    vel_e = state.vel_e + lever_velocity(state.C_eb, rate_b, lever_b)
-    return np.asarray(C_bv, dtype=float).T @ (state.C_eb.T @ vel_e)
+    vel_e = state.vel_e + lever_velocity(state.C_eb, rate_b, point.lever_b)
+    vel_v: FloatArray = point.C_bv.T @ (state.C_eb.T @ vel_e)
+    return vel_v
 
 
 def _vehicle_jacobian(
-    state: NavState, states: int, C_bv: ArrayLike, lever_b: ArrayLike
+    state: NavState, states: int, omega_b: ArrayLike, point: VehiclePoint
 ) -> FloatArray:
     """Return the derivative of `vehicle_velocity` with respect to the error state."""
-    C_be, arm = state.C_eb.T, skew(lever_b)
+    C_be, arm = state.C_eb.T, skew(point.lever_b)
     H = np.zeros((3, states))
     H[:, VEL] = C_be
     H[:, ATT] = skew(C_be @ state.vel_e) + arm @ skew(C_be @ OMEGA_IE_E)
     H[:, GYRO_BIAS] = arm
-    return np.asarray(C_bv, dtype=float).T @ H
+    H = point.C_bv.T @ H
+    # C_bv(true) = C_bv (I + [μ×]): v_v(true) = v_v − μ × v_v. The lever is kept in body axes.
+    if point.mounting is not None:
+        H[:, point.mounting] = skew(vehicle_velocity(state, omega_b, point))[:, 1:]
+    if point.wheel is not None:
+        rate_v = point.C_bv.T @ rate_over_earth(state.C_eb, omega_b)
+        H[:, point.wheel] = skew(rate_v)[:, [0, 2]]
+    return H
 
 
 def non_holonomic(
     state: NavState,
     states: int,
     omega_b: ArrayLike,
-    C_bv: ArrayLike,
-    lever_b: ArrayLike,
+    point: VehiclePoint,
     sigma: ArrayLike,
 ) -> Measurement:
     """No lateral and no vertical velocity in vehicle axes.
 
     Parameters
     ----------
-    state, omega_b, C_bv, lever_b
+    state, omega_b, point
         As for `vehicle_velocity`.
     states : int
         Length of the error state.
     sigma : array_like, shape (2,)
         1σ of the lateral and vertical velocity that tyres and springs allow [m/s].
     """
-    vel_v = vehicle_velocity(state, omega_b, C_bv, lever_b)
-    H = _vehicle_jacobian(state, states, C_bv, lever_b)
+    vel_v = vehicle_velocity(state, omega_b, point)
+    H = _vehicle_jacobian(state, states, omega_b, point)
     R = np.diag(np.broadcast_to(np.asarray(sigma, dtype=float), (2,)) ** 2)
     return Measurement(-vel_v[1:], H[1:], R)
 
@@ -79,8 +82,7 @@ def odometer(
     state: NavState,
     states: int,
     omega_b: ArrayLike,
-    C_bv: ArrayLike,
-    lever_b: ArrayLike,
+    point: VehiclePoint,
     speed: float,
     sigma: float,
     scale: float,
@@ -89,7 +91,7 @@ def odometer(
 
     Parameters
     ----------
-    state, omega_b, C_bv, lever_b
+    state, omega_b, point
         As for `vehicle_velocity`.
     states : int
         Length of the error state; its last element is the odometer's scale factor.
@@ -98,8 +100,8 @@ def odometer(
     scale : float
         Current estimate of the scale factor.
     """
-    forward = float(vehicle_velocity(state, omega_b, C_bv, lever_b)[0])
-    H = (1.0 + scale) * _vehicle_jacobian(state, states, C_bv, lever_b)[:1]
+    forward = float(vehicle_velocity(state, omega_b, point)[0])
+    H = (1.0 + scale) * _vehicle_jacobian(state, states, omega_b, point)[:1]
     H[0, -1] = forward
     return Measurement(np.array([speed - (1.0 + scale) * forward]), H, np.array([[sigma**2]]))
 

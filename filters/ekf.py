@@ -19,6 +19,7 @@ from .compiled.jit import COMPILED
 from .error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
 from .errors import DataError
 from .gnss_states import GnssStates
+from .levers import VehicleStates
 from .measurement_update import Update, compiled, innovation, turned, with_filterpy
 from .measurements import Measurement
 from .rotation import FloatArray
@@ -114,6 +115,7 @@ class ErrorStateFilter:
         self.bias[0:3], self.bias[3:6] = gyro_bias, accel_bias
         self.odometer_scale = 0.0
         self.gnss = GnssStates(model)
+        self.vehicle = VehicleStates(model)
         self.omega_b = np.zeros(3)
         self._noise = model.noise()
         self._update: Update = with_filterpy if filterpy else compiled
@@ -315,6 +317,7 @@ class ErrorStateFilter:
         self.bias[3:6] += x[ACCEL_BIAS]
         self.bias[6 : 6 + self.model.states - 15] += x[15 : self.model.states]
         self.gnss.feed_back(x)
+        self.vehicle.feed_back(x)
         if self.model.odometer:
             self.odometer_scale += float(x[-1])
         if self.tape is not None:

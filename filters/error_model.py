@@ -24,11 +24,14 @@ Errors of GNSS that outlast an epoch are states too, or the filter would average
 not average: the receiver's clock drift, a random walk, and the error that successive positions
 share (reflections, ionosphere, orbits), a Gauss–Markov process in units of each position's own
 standard deviation.
+
+How the IMU sits in the vehicle is constant and not known exactly: the direction of the vehicle's
+forward axis, and where the point is that the wheels constrain (`filters.levers`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +39,7 @@ from numpy.typing import ArrayLike
 from .compiled import kernels
 from .errors import ConfigError
 from .gnss_states import CLOCK_DRIFT_SIGMA, shared_root
+from .levers import VehiclePrior
 from .rotation import FloatArray
 from .sensors import ImuSpec
 
@@ -62,6 +66,8 @@ class ErrorModel:
         Random walk of the receiver's clock drift [m/s/√s]; 0: no such state.
     fix_correlation : float
         Correlation time of position errors [s]; 0: no such states.
+    vehicle : VehiclePrior
+        What is known of mounting and wheel point before; exactly: no such states.
     """
 
     imu: ImuSpec
@@ -70,6 +76,7 @@ class ErrorModel:
     odometer: bool = False
     clock_walk: float = 0.0
     fix_correlation: float = 0.0
+    vehicle: VehiclePrior = field(default_factory=VehiclePrior)
 
     def __post_init__(self) -> None:
         if self.states not in (15, 21):
@@ -82,7 +89,17 @@ class ErrorModel:
     @property
     def size(self) -> int:
         """Length of the error state."""
-        return self.states + (self.clock_walk > 0) + 3 * (self.fix_correlation > 0) + self.odometer
+        prior = self.vehicle
+        return (
+            self._gnss_end
+            + 2 * (prior.sigma_mounting > 0.0)
+            + 2 * (prior.sigma_wheel > 0.0)
+            + self.odometer
+        )
+
+    @property
+    def _gnss_end(self) -> int:
+        return self.states + (self.clock_walk > 0) + 3 * (self.fix_correlation > 0)
 
     @property
     def clock(self) -> int | None:
@@ -96,12 +113,26 @@ class ErrorModel:
         return slice(first, first + 3) if self.fix_correlation > 0 else None
 
     @property
+    def mounting(self) -> slice | None:
+        """Pitch and yaw of the vehicle's axes about themselves [rad], if they are states."""
+        first = self._gnss_end
+        return slice(first, first + 2) if self.vehicle.sigma_mounting > 0.0 else None
+
+    @property
+    def wheel(self) -> slice | None:
+        """Place of the constrained point, forward and down [m], if it is a state."""
+        first = self._gnss_end + 2 * (self.vehicle.sigma_mounting > 0.0)
+        return slice(first, first + 2) if self.vehicle.sigma_wheel > 0.0 else None
+
+    @property
     def bias_decay_rate(self) -> float:
         """Inverse correlation time of the bias states [1/s]; 0 for random walks."""
         return 1.0 / self.imu.bias_correlation_time_s if self.bias_model == "gauss-markov" else 0.0
 
     def noise(self) -> FloatArray:
-        """Return squared noise densities and inverse correlation times as the kernels take them."""
+        """Return what the kernels take: squared noise densities, inverse correlation times, and
+        1 where scale factors are states, else 0.
+        """
         spec = self.imu
         densities = np.array(
             [
@@ -111,7 +142,8 @@ class ErrorModel:
                 spec.bias_walk_density(spec.accel_bias_sigma),
             ]
         )
-        return np.concatenate([densities**2, np.full(2, self.bias_decay_rate)])
+        tail = [self.bias_decay_rate, self.bias_decay_rate, float(self.states == 21)]
+        return np.concatenate([densities**2, tail])
 
     def initial_covariance(
         self, pos_cov_e: ArrayLike, vel_cov_e: ArrayLike, att_cov_b: ArrayLike
@@ -137,6 +169,10 @@ class ErrorModel:
             root = shared_root(pos_cov_e)
             P[self.fix_bias, self.fix_bias] = np.eye(3)
             P[POS, self.fix_bias], P[self.fix_bias, POS] = -root, -root
+        if self.mounting is not None:
+            P[self.mounting, self.mounting] = np.eye(2) * self.vehicle.sigma_mounting**2
+        if self.wheel is not None:
+            P[self.wheel, self.wheel] = np.eye(2) * self.vehicle.sigma_wheel**2
         if self.odometer:
             P[-1, -1] = ODOMETER_SCALE_SIGMA**2
         return P
@@ -175,7 +211,8 @@ class ErrorModel:
         decay = float(np.exp(-dt * self.bias_decay_rate))
         inverse = 1.0 / (1.0 + np.asarray(scale, dtype=float))
         F = np.zeros((6, 3, 3))
-        kernels.linearise(F, dt, G, v[0], before, R, omega, force, inverse, decay, decay)
+        scales = float(self.states == 21)
+        kernels.linearise(F, dt, G, v[0], before, R, omega, force, inverse, decay, decay, scales)
         phi = np.eye(self.size)
         phi[GYRO_BIAS, GYRO_BIAS] *= decay
         phi[ACCEL_BIAS, ACCEL_BIAS] *= decay

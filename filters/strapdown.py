@@ -172,6 +172,6 @@ def integrate(stream: InertialStream, start: NavState, until: float | None = Non
     kernels.advance(
         stream.edges, stream.gyro, stream.accel, k, start.time, until,
         start.pos_e.copy(), start.vel_e.copy(), start.C_eb.copy(), np.zeros(12),
-        np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(6), rows, cursor, 0.0,
+        np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(7), rows, cursor, 0.0,
     )  # fmt: skip
     return rows[: int(cursor[0]), : layout.ROW_BIAS]

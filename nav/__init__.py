@@ -2,6 +2,7 @@
 
     config, config_files        what a run is asked, and how it is written down
     solution, notes             what it returns, what it tells
+    installation                how the IMU sits in the vehicle
     pipeline, navigator         a whole recording; a live vehicle
     vehicles                    what kinds of vehicles can do
     rejections                  carried fixes that are not used, in words

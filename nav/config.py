@@ -263,17 +263,19 @@ class VehicleConfig:
         these are 'auto'; in a configuration file boat and aircraft have no `zupt` and `zaru`, and
         ``alignment.min_speed_mps`` is the kind's, unless they are given.
     nhc : {'auto', 'on', 'off'}
-        No sideways and no vertical velocity at the rear axle. 'auto': where the mounting of the
-        IMU in the vehicle is declared; with an unknown one it does harm.
+        No sideways and no vertical velocity at the rear axle. 'auto': where the kind of vehicle
+        goes where it points. How the IMU is turned in the vehicle and where the axle is are
+        estimated unless they are declared as exact.
     sigma_lateral_mps, sigma_vertical_mps : float
-        What tyres and springs allow all the same.
+        What tyres and springs allow all the same, of one constraint a second: more frequent ones
+        get more, because it lasts for seconds.
     zupt, zaru : bool
         No velocity, no rotation while the IMU shows a standstill.
     sigma_zupt_mps : float
         How well a standstill is one.
     odometer : {'auto', 'on', 'off'}
         Forward speed with a scale factor as a state; 'auto': where there is an odometer and the
-        mounting is declared.
+        mounting is declared or estimated (`nhc`).
     sigma_odometer_mps : float
         Noise of the odometer's speed.
     interval_s : float
@@ -282,8 +284,11 @@ class VehicleConfig:
 
     kind: str = "car"
     nhc: str = "auto"
-    sigma_lateral_mps: float = 0.2
-    sigma_vertical_mps: float = 0.2
+    # At the axle of road drives 0.03 … 0.04 m/s are left sideways, for 7 … 20 s: as white noise at
+    # 1 Hz σ√(2τ) = 0.1 … 0.25. Upwards springs pitch the body by some 0.5° per m/s², at 15 m/s
+    # 0.13 m/s for the 10 s that a car speeds up or brakes: 0.13 √20 = 0.6.
+    sigma_lateral_mps: float = 0.3
+    sigma_vertical_mps: float = 0.6
     zupt: bool = True
     zaru: bool = True
     sigma_zupt_mps: float = 0.05

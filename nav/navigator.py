@@ -41,6 +41,7 @@ from .engine.start.finder import StartFinder, again
 from .engine.start.state import Start, start_filter
 from .engine.vehicle import VehicleConstraints
 from .engine.watch.sanity import Lost
+from .installation import Installation
 from .notes import clock
 from .solution import Update
 
@@ -159,7 +160,9 @@ class Navigator:
         self.calibration, self.config, self.latency = calibration, config, latency
         self._stream = InertialStream.live(imu_interval)
         self._vehicle = VehicleConstraints(calibration, config.vehicle, odometer)
-        self._model = error_model(calibration, config, odometer=self._vehicle.odometer is not None)
+        self._model = error_model(
+            calibration, config, odometer=self._vehicle.odometer is not None, nhc=self._vehicle.nhc
+        )
         self._finder = self._new_finder(config.alignment)
         self._kept: list[GnssEvent] = []
         self._queue: list[tuple[float, str, int, GnssEvent]] = []
@@ -211,6 +214,11 @@ class Navigator:
         """The log so far."""
         now = self._loop.updates if self._loop is not None else []
         return (*self._past, *now)
+
+    @property
+    def installation(self) -> Installation | None:
+        """How the IMU sits in the vehicle as known by now; None before alignment."""
+        return None if self._loop is None else self._vehicle.installation(self._loop.kalman)
 
     @property
     def rows(self) -> FloatArray:

@@ -65,7 +65,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     model = error_model(
         sequence.calibration, config, odometer=vehicle.odometer is not None,
         doppler=any(e.observations is not None for e in timeline.events),
-        shared=any(e.shared for e in timeline.events),
+        shared=any(e.shared for e in timeline.events), nhc=vehicle.nhc,
     )  # fmt: skip
     blind = blind_axes(imu, timeline.events)
     spells = blind_spells(imu, blind)
@@ -85,7 +85,8 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     status, said = told(made, stream.end, why)
     updates = tuple(update for leg in made for update in leg.updates)
     notes = [
-        *said, *plain(sequence.notes), *timeline.notes, *_imu_gaps(sequence),
+        *said, *plain(sequence.notes), *plain([str(made[-1].installation)]), *timeline.notes,
+        *_imu_gaps(sequence),
         *blind_notes(spells, blind),
         *doubts(updates, config.filter.gate_probability),
     ]  # fmt: skip
@@ -102,6 +103,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         notes=tuple(notes),
         timing={"gnss_s": spent_gnss, "alignment_s": aligning, "filter_s": spent - aligning},
         status=status,
+        installation=made[-1].installation,
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from ..filters.rotation import FloatArray
+from .installation import Installation
 from .notes import Note
 
 #: Kinds of update the pipeline offers to the filter.
@@ -148,7 +149,8 @@ class Solution:
     """Everything one run found out.
 
     `status` is 'ok'; 'doubtful', where a note says so; 'restarted', where the solution was lost and
-    found again; 'lost', where it was not, and ends before the data.
+    found again; 'lost', where it was not, and ends before the data. `installation` is how the IMU
+    sits in the vehicle as known in the end; None where that was not asked.
     """
 
     name: str
@@ -159,3 +161,4 @@ class Solution:
     notes: tuple[Note, ...] = ()
     timing: dict[str, float] = field(default_factory=dict)
     status: str = "ok"
+    installation: Installation | None = None

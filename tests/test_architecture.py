@@ -32,7 +32,7 @@ NAV = (
     ("navigator", "pipeline"),
     ("engine",),
     ("_frames", "config_files", "rejections", "solution", "sweep"),
-    ("config", "notes"),
+    ("config", "installation", "notes"),
     ("vehicles",),
 )
 NEIGHBOURS = {("compare", "windows")}

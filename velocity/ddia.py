@@ -76,6 +76,8 @@ class AidedVelocity:
     attitude_e : ndarray, shape (3, 3)
         d(vel_e)/dφ', φ' the error of the attitude used (module docstring). A filter whose own
         attitude was used takes `noise_cov_e` and this, not `cov_e`.
+    swing_e : ndarray, shape (3, 3)
+        d(vel_e)/d(swing_e), `swing_e` of the motion used: I − u gᵀE.
     k : float
         |SDV·RMD| of a pair; for more satellites that of a pair as good, √2·σ_rms/σ_s; for one
         satellite |e·u|.
@@ -104,6 +106,7 @@ class AidedVelocity:
     noise_cov_e: FloatArray = field(default_factory=_no_matrix)
     cov_e: FloatArray = field(default_factory=_no_matrix)
     attitude_e: FloatArray = field(default_factory=_no_matrix)
+    swing_e: FloatArray = field(default_factory=_no_matrix)
     k: float = np.nan
     satellites: tuple[str, ...] = ()
     row: NDArray[np.int64] = field(default_factory=_no_rows)
@@ -380,6 +383,7 @@ def _velocity(found: _Estimate, motion: ForwardMotion, time: float) -> AidedVelo
         noise_cov_e=noise_cov,
         cov_e=noise_cov + attitude_e @ motion.att_cov_e @ attitude_e.T,
         attitude_e=attitude_e,
+        swing_e=project,
         k=float(found.k),
         satellites=tuple(map(str, found.rows.sat)),
         row=found.rows.row,

@@ -2,9 +2,8 @@
 
 Plain loops over small arrays without allocation: numba makes a microsecond per sample of them.
 The public faces are `filters.strapdown` and `filters.error_model`; tests hold this to both.
-
-State order of P: position, velocity, attitude, gyro bias, accelerometer bias; from 21 states on,
-gyro and accelerometer scale factors; any further state is a constant.
+State order of P: position, velocity, attitude, gyro bias, accelerometer bias; then, if they are
+states, gyro and accelerometer scale factors; any further state is a constant.
 
 numba's cache watches this file alone: whoever changes `filters.compiled.rows` must touch it.
 """
@@ -151,13 +150,14 @@ def _gravity_gradient(p, G):
 
 
 @njit(cache=True)
-def linearise(F, dt, G, dv_b, C, R, omega, force, inverse_scale, decay_gyro, decay_accel):
+def linearise(F, dt, G, dv_b, C, R, omega, force, inverse_scale, decay_gyro, decay_accel, scales):
     """Write what one step's transition matrix is made of to F, in 3×3 blocks.
 
     C is the attitude before the step, R the turn over it, `inverse_scale` holds 1/(1 + scale)
     of gyro and accelerometer. Blocks of F: 0 dt·∂g/∂p; 1 velocity by attitude, C[Δv×];
     2 velocity by accelerometer error, −dt·C/(1 + s); 3 attitude by attitude, Rᵀ;
-    4 rows: −dt/(1 + s) of the gyro, ω, f; 5: dt, bias decay of gyro and of accelerometer.
+    4 rows: −dt/(1 + s) of the gyro, ω, f; 5: dt, bias decay of gyro and of accelerometer, and
+    below `scales`, 1 where states 15 … 20 are scale factors, else 0.
     """
     x, y, z = dv_b[0], dv_b[1], dv_b[2]
     for i in range(3):
@@ -171,7 +171,7 @@ def linearise(F, dt, G, dv_b, C, R, omega, force, inverse_scale, decay_gyro, dec
         F[4, 0, i] = -dt * inverse_scale[i]
         F[4, 1, i] = omega[i]
         F[4, 2, i] = force[i]
-    F[5, 0, 0], F[5, 0, 1], F[5, 0, 2] = dt, decay_gyro, decay_accel
+    F[5, 0, 0], F[5, 0, 1], F[5, 0, 2], F[5, 1, 0] = dt, decay_gyro, decay_accel, scales
 
 
 @njit(cache=True)
@@ -214,7 +214,7 @@ def transition(F, X, Y):
         Y[6, j] = r00 * f0 + r01 * f1 + r02 * f2 + d0 * X[9, j]
         Y[7, j] = r10 * f0 + r11 * f1 + r12 * f2 + d1 * X[10, j]
         Y[8, j] = r20 * f0 + r21 * f1 + r22 * f2 + d2 * X[11, j]
-    if X.shape[0] >= 21:
+    if F[5, 1, 0] > 0.0:
         _scale_part(F, X, Y)
 
 
@@ -316,7 +316,7 @@ def advance(
     bias : (12,) gyro bias, accelerometer bias, gyro scale, accelerometer scale
     P : (n, n) covariance; an empty array propagates the state alone
     phi : (n, n) transition matrix so far; an empty array: not wanted
-    noise : (6,) see covariance_step
+    noise : (7,) see covariance_step, and at last `scales` of linearise
     rows : (r, ROW_SIZE) output; next_row : (2,) next free row, next time to record
     period : [s] spacing of recorded rows; ≤ 0 records every sample
 
@@ -366,7 +366,7 @@ def advance(
                     C_before[i, j] = C[i, j]
             strapdown_step(pos, vel, C, omega, force, omega_slope, force_slope, dt, v, R, work)
             if with_covariance:
-                linearise(F, dt, G, v[0], C_before, R, omega, force, inverse, dg, da)
+                linearise(F, dt, G, v[0], C_before, R, omega, force, inverse, dg, da, noise[6])
                 covariance_step(W, F, Y, Z, Y9, noise)
             if with_phi:
                 transition(F, T, Y)

@@ -1,8 +1,8 @@
 """DDIA-VE as an update of the filter: direction from the filter's attitude, speed from Doppler.
 
-The velocity was computed with the filter's own attitude, so its error is not independent of the
-filter's. `measurement` therefore takes the covariance without the attitude's share and puts that
-share where it belongs, into H.
+The velocity was computed with the filter's own attitude, rate, mounting and wheel point, so its
+error is not independent of the filter's. `measurement` takes the covariance without their share
+and puts that share where it belongs, into H.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ import numpy as np
 from ...datasets.sequence import Calibration
 from ...filters import measurements
 from ...filters.ekf import ErrorStateFilter
-from ...filters.error_model import ATT
+from ...filters.error_model import ATT, GYRO_BIAS
 from ...filters.levers import rate_over_earth
 from ...filters.measurements import Measurement
+from ...filters.rotation import skew
 from ...velocity.ddia import AidedVelocity
 from ...velocity.vehicle_motion import ForwardMotion, forward_motion
 
@@ -36,12 +37,13 @@ def filter_motion(
     sigma_cross : float
         See `ForwardMotion`.
     """
+    point = kalman.vehicle.point(calibration.C_bv, calibration.lever_vehicle_b)
     return forward_motion(
         kalman.C_eb,
         rate_over_earth(kalman.C_eb, kalman.omega_b),
         calibration.lever_antenna_b,
-        C_bv=calibration.C_bv,
-        lever_vehicle_b=calibration.lever_vehicle_b,
+        C_bv=point.C_bv,
+        lever_vehicle_b=point.lever_b,
         att_cov_e=kalman.C_eb @ kalman.P[ATT, ATT] @ kalman.C_eb.T,
         sigma_cross=sigma_cross,
     )
@@ -73,4 +75,16 @@ def measurement(
     H = m.H.copy()
     # φ (true − estimated, body) is −φ' of `ddia` in body axes.
     H[:, ATT] -= aided.attitude_e @ kalman.C_eb
+    # The swing is C [ω×] (l_antenna − l_wheel), ω = measured − bias; what it is too large by, the
+    # velocity is too large by (I − u gᵀE) of that.
+    point = kalman.vehicle.point(calibration.C_bv, calibration.lever_vehicle_b)
+    swing_b = aided.swing_e @ kalman.C_eb
+    H[:, GYRO_BIAS] -= swing_b @ skew(calibration.lever_antenna_b - point.lever_b)
+    if point.wheel is not None:
+        rate_b = rate_over_earth(kalman.C_eb, kalman.omega_b)
+        H[:, point.wheel] = (swing_b @ skew(rate_b) @ point.C_bv)[:, [0, 2]]
+    if point.mounting is not None:
+        # In vehicle axes the speed is s (1, 0, 0); the mounting's error turns it alone.
+        ahead_v = skew(np.array([aided.speed, 0.0, 0.0]))
+        H[:, point.mounting] = (swing_b @ point.C_bv @ ahead_v)[:, 1:]
     return Measurement(m.z, H, m.R)

@@ -156,10 +156,8 @@ def rows_measurement(
 def straight_ahead(kalman: ErrorStateFilter, calibration: Calibration) -> Measurement:
     """Return what DDIA-VE assumes as a measurement: the car goes where it points."""
     sigma = (ddia_update.SIGMA_CROSS, ddia_update.SIGMA_CROSS)
-    return constraints.non_holonomic(
-        kalman.state, kalman.model.size, kalman.omega_b, calibration.C_bv,
-        calibration.lever_vehicle_b, sigma,
-    )  # fmt: skip
+    point = kalman.vehicle.point(calibration.C_bv, calibration.lever_vehicle_b)
+    return constraints.non_holonomic(kalman.state, kalman.model.size, kalman.omega_b, point, sigma)
 
 
 def apply_ddia(

@@ -21,6 +21,7 @@ from ...filters.rotation import FloatArray
 from ...filters.smoother import smooth
 from ...filters.strapdown import InertialStream
 from ..config import Config
+from ..installation import Installation
 from ..notes import Note, clock
 from ..solution import Update
 from .blind import Spell
@@ -51,6 +52,8 @@ class Leg:
         Where it ended [s].
     aligning : float
         Time the start has taken to find [s].
+    installation : Installation
+        How the IMU sits in the vehicle, as known at its end.
     """
 
     start: Start
@@ -58,6 +61,7 @@ class Leg:
     updates: tuple[Update, ...]
     lost: str
     until: float
+    installation: Installation
     aligning: float = 0.0
 
 
@@ -119,12 +123,14 @@ def _leg(course: Course, after: float, report: Callable[[float, str], None]) -> 
     except (Diverged, Lost) as error:
         rows = _kept(kalman.rows)
         until = max(float(rows[-1, layout.ROW_TIME]) if len(rows) else begin, loop.reached)
-        return Leg(start, rows, tuple(loop.updates), str(error), until, aligning)
+        found = course.vehicle.installation(kalman)
+        return Leg(start, rows, tuple(loop.updates), str(error), until, found, aligning)
     rows = kalman.rows
     if kalman.tape is not None:
         report(1.0, "smoother")
         rows = smooth(kalman.tape, kalman.P)
-    return Leg(start, rows, tuple(loop.updates), "", end, aligning)
+    found = course.vehicle.installation(kalman)
+    return Leg(start, rows, tuple(loop.updates), "", end, found, aligning)
 
 
 def _kept(rows: FloatArray) -> FloatArray:

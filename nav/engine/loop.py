@@ -72,6 +72,7 @@ class FilterLoop:
         limit = config.filter.patience_s
         self._patience = {kind: Patience(limit) for kind in UPDATE_KINDS}
         self._constraints = 1
+        self._agreed, self._aside_until = -np.inf, -np.inf
         mounted = bool(calibration.mounting_source)
         wanted = config.gnss.forward_motion
         # Where the vehicle's constraint is in force, it has said so already.
@@ -90,12 +91,16 @@ class FilterLoop:
             self._propagate(max(due, self.kalman.time))
             credible = self._patience["velocity"].lasted < _EVIDENT - 1e-3
             for kind, measurement in self.vehicle.offered(self.kalman, credible):
+                if kind == "nhc" and due < self._aside_until:
+                    reason = f"not believed for {self.config.filter.patience_s:g} s"
+                    self.updates.append(Update(self.kalman.time, kind, reason=reason))
+                    continue
                 outcome, reason = self._constrained(kind, measurement)
                 self.updates.append(logged(self.kalman.time, kind, (), outcome, reason))
             self._constraints += 1
 
     def _constrained(self, kind: str, measurement: Measurement) -> tuple[Outcome, str]:
-        """Offer a constraint; one that is refused for long doubts the filter."""
+        """Offer a constraint; one refused for long doubts the filter, or is doubted itself."""
         kalman, patience = self.kalman, self._patience[kind]
         gate = self.config.filter.gate_probability
         insist = patience.over(kalman.time)
@@ -105,6 +110,12 @@ class FilterLoop:
             return outcome, ""
         if not insist:
             patience.refused(kalman.time)
+            return outcome, ""
+        if kind == "nhc" and kalman.time - self._agreed < _EVIDENT:
+            # What GNSS confirms is not to be doubted: the IMU has been turned, or the car slides.
+            self._aside_until = kalman.time + self.config.filter.patience_s
+            kalman.reconsider(*kalman.vehicle.forgotten(kalman.P))
+            patience.accepted()
             return outcome, ""
         kalman.enlarge(measurement)
         if not kalman.update(measurement, gate).accepted:
@@ -203,6 +214,7 @@ class FilterLoop:
             update = self._fixes.offer(event, insist)
         if update.accepted:
             patience.accepted()
+            self._agreed = event.time
         elif insist:
             patience.failed(event.time)
         elif not (doppler and self._doppler.agreed):

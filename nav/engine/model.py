@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ...datasets.sequence import Calibration
 from ...filters.error_model import ErrorModel
+from ...filters.levers import VehiclePrior
 from ...filters.sensors import ImuSpec, imu_preset
 from ..config import Config, FilterConfig
+
+#: What is known where nothing is declared. Square by eye: 5° out of it is seen, 15° never done.
+#: A rear axle is within 4 m (2σ) of any IMU in a car.
+UNKNOWN = VehiclePrior(sigma_mounting=float(np.radians(5.0)), sigma_wheel=2.0)
 
 
 def imu_spec(calibration: Calibration, config: FilterConfig) -> ImuSpec:
@@ -20,6 +27,7 @@ def error_model(
     odometer: bool = False,
     doppler: bool = True,
     shared: bool = True,
+    nhc: bool = False,
 ) -> ErrorModel:
     """Return the error model of a run.
 
@@ -35,6 +43,8 @@ def error_model(
         Whether range rates will, which see the receiver's clock drift.
     shared : bool
         Whether positions will whose errors outlast an epoch.
+    nhc : bool
+        Whether the vehicle's constraint will, which sees mounting and wheel point.
     """
     return ErrorModel(
         imu_spec(calibration, config.filter),
@@ -43,4 +53,12 @@ def error_model(
         odometer=odometer,
         clock_walk=config.gnss.clock_walk_mps if doppler else 0.0,
         fix_correlation=config.gnss.position_correlation_s if shared else 0.0,
+        vehicle=vehicle_prior(calibration) if nhc else VehiclePrior(),
     )
+
+
+def vehicle_prior(calibration: Calibration) -> VehiclePrior:
+    """Return how well mounting and wheel point are known before the data."""
+    if not calibration.mounting_source:
+        return UNKNOWN
+    return VehiclePrior(calibration.mounting_sigma, calibration.lever_vehicle_sigma)

@@ -15,10 +15,15 @@ from ...filters.measurements import Measurement
 from ...filters.rotation import FloatArray
 from ...filters.standstill import rate_at_rest
 from ..config import VehicleConfig
+from ..installation import Installation
+from ..vehicles import VEHICLES
 
 #: A standstill is only believed where the filter's own speed allows it: a car that cruises on a
 #: smooth road is as quiet as one that stands.
 _SLOW, _KNOWN = 0.5, 1.0
+#: Nor where the mean rate is no bias that the filter can believe in: a car that cruises turns. A
+#: standstill in a thousand not seen for a second is no loss.
+_NO_BIAS = 1e-3
 
 
 class VehicleConstraints:
@@ -35,10 +40,44 @@ class VehicleConstraints:
         self, calibration: Calibration, config: VehicleConfig, odometer: Odometer | None = None
     ) -> None:
         self.config, self.calibration = config, calibration
-        mounted = bool(calibration.mounting_source)
-        self.nhc = config.nhc == "on" or (config.nhc == "auto" and mounted)
-        wanted = config.odometer == "on" or (config.odometer == "auto" and mounted)
+        kind = VEHICLES[config.kind]
+        self.off = ""
+        if config.nhc == "off" or (config.nhc == "auto" and not kind.holds_course):
+            self.off = "as configured (vehicle.nhc)"
+            if not kind.holds_course:
+                self.off = f"{kind.words} need not go where it points (vehicle.kind)"
+        # Of what is not declared, estimates are at hand where the constraint makes them.
+        known = bool(calibration.mounting_source) or self.nhc
+        wanted = config.odometer == "on" or (config.odometer == "auto" and known)
         self.odometer = odometer if wanted and odometer is not None else None
+
+    @property
+    def nhc(self) -> bool:
+        """Whether the vehicle goes where it points; if not, `off` says why."""
+        return not self.off
+
+    @property
+    def sigma_nhc(self) -> tuple[float, float]:
+        """1σ of one constraint, lateral and vertical [m/s].
+
+        What a vehicle does all the same lasts for seconds. As white noise it has to be larger the
+        more often it is asked: σ√(2τ/Δt).
+        """
+        often = max(1.0 / self.config.interval_s, 1.0) ** 0.5
+        return self.config.sigma_lateral_mps * often, self.config.sigma_vertical_mps * often
+
+    def installation(self, kalman: ErrorStateFilter) -> Installation:
+        """Return mounting and wheel point as the filter knows them now."""
+        calibration, model = self.calibration, kalman.model
+        point = kalman.vehicle.point(calibration.C_bv, calibration.lever_vehicle_b)
+        cov, sigma = np.zeros((2, 2)), np.zeros(2)
+        if model.mounting is not None:
+            cov = kalman.P[model.mounting, model.mounting].copy()
+        if model.wheel is not None:
+            sigma = np.sqrt(np.diag(kalman.P)[model.wheel])
+        estimated = model.mounting is not None or model.wheel is not None
+        source = "estimated" if estimated else calibration.mounting_source or "not declared"
+        return Installation(self.off, source, point.C_bv, cov, point.C_bv.T @ point.lever_b, sigma)
 
     def offered(
         self, kalman: ErrorStateFilter, credible: bool = True
@@ -54,27 +93,25 @@ class VehicleConstraints:
         config, n = self.config, kalman.model.size
         mean = self._standstill(kalman) if credible else None
         if mean is not None:
-            if config.zupt:
+            # Asked before either has taught the filter anything.
+            if config.zupt and kalman.test(_no_rate(kalman, mean), _NO_BIAS).accepted:
                 yield "zupt", constraints.zero_velocity(kalman.state, n, config.sigma_zupt_mps)
             if config.zaru:
-                sigma = np.hypot(kalman.model.imu.gyro_noise_density, np.radians(0.005))
-                yield (
-                    "zaru",
-                    constraints.zero_rate(kalman.state, n, mean, kalman.gyro_bias, float(sigma)),
-                )
+                yield "zaru", _no_rate(kalman, mean)
             return
-        C_bv, lever = self.calibration.C_bv, self.calibration.lever_vehicle_b
+        point = kalman.vehicle.point(self.calibration.C_bv, self.calibration.lever_vehicle_b)
         if self.nhc:
-            sigma = (config.sigma_lateral_mps, config.sigma_vertical_mps)
             yield (
                 "nhc",
-                constraints.non_holonomic(kalman.state, n, kalman.omega_b, C_bv, lever, sigma),
+                constraints.non_holonomic(kalman.state, n, kalman.omega_b, point, self.sigma_nhc),
             )
+            # What that has taught of the mounting counts for the speed, too.
+            point = kalman.vehicle.point(self.calibration.C_bv, self.calibration.lever_vehicle_b)
         speed = self._speed(kalman.time)
         if speed is not None and kalman.model.odometer:
             yield "odometer", constraints.odometer(
-                kalman.state, n, kalman.omega_b, C_bv, lever, speed,
-                config.sigma_odometer_mps, kalman.odometer_scale,
+                kalman.state, n, kalman.omega_b, point, speed, config.sigma_odometer_mps,
+                kalman.odometer_scale,
             )  # fmt: skip
 
     def _speed(self, time: float) -> float | None:
@@ -94,3 +131,11 @@ class VehicleConstraints:
         return rate_at_rest(
             kalman.stream, kalman.time, kalman.model.imu, kalman.gyro_bias, sigma_bias
         )
+
+
+def _no_rate(kalman: ErrorStateFilter, mean: FloatArray) -> Measurement:
+    """Return the mean rate [rad/s] of a second as a standstill's."""
+    sigma = np.hypot(kalman.model.imu.gyro_noise_density, np.radians(0.005))
+    return constraints.zero_rate(
+        kalman.state, kalman.model.size, mean, kalman.gyro_bias, float(sigma)
+    )

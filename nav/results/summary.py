@@ -48,6 +48,7 @@ def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) ->
             "bound_deg": None if alignment.bound is None else np.rad2deg(alignment.bound),
             "verdicts": dict(alignment.verdicts),
         },
+        "installation": None if solution.installation is None else solution.installation.figures(),
         "errors": evaluation.metrics,
         "reference": {
             "source": evaluation.source,

@@ -4,30 +4,82 @@ import numpy as np
 import pytest
 
 from certnav.filters import constraints
-from certnav.filters.error_model import GYRO_BIAS
-from certnav.filters.rotation import matrix_from_rpy
+from certnav.filters.error_model import GYRO_BIAS, ErrorModel
+from certnav.filters.levers import VehiclePoint, VehiclePrior, VehicleStates
+from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy
+from certnav.filters.sensors import imu_preset
 from oracles.derivatives import central_differences, moved
 
 OMEGA = np.array([0.02, -0.05, 0.35])
 LEVER = np.array([-1.2, 0.1, 0.7])
 C_BV = matrix_from_rpy(np.radians([2.0, -3.0, 5.0]))
+POINT = VehiclePoint(C_BV, LEVER)
 
 
 def test_vehicle_velocity_jacobians(moving_state):
     def velocity(x):
         state = moved(moving_state, x)
-        return constraints.vehicle_velocity(state, OMEGA - x[9:12], C_BV, LEVER)
+        return constraints.vehicle_velocity(state, OMEGA - x[9:12], POINT)
 
-    nhc = constraints.non_holonomic(moving_state, 15, OMEGA, C_BV, LEVER, (0.1, 0.2))
+    nhc = constraints.non_holonomic(moving_state, 15, OMEGA, POINT, (0.1, 0.2))
     np.testing.assert_allclose(nhc.H, central_differences(velocity, 15)[1:], atol=1e-6)
     np.testing.assert_allclose(nhc.z, -velocity(np.zeros(15))[1:])
     np.testing.assert_allclose(nhc.R, np.diag([0.01, 0.04]))
 
     scale = 0.013
-    odo = constraints.odometer(moving_state, 16, OMEGA, C_BV, LEVER, 14.0, 0.05, scale)
+    odo = constraints.odometer(moving_state, 16, OMEGA, POINT, 14.0, 0.05, scale)
     expected = central_differences(lambda x: (1 + scale + x[15]) * velocity(x)[:1], 16)
     np.testing.assert_allclose(odo.H, expected, atol=1e-6)
     np.testing.assert_allclose(odo.z, 14.0 - (1 + scale) * velocity(np.zeros(16))[0])
+
+
+def test_mounting_and_wheel_point_are_seen_as_their_errors_say(moving_state):
+    """The state moved by an error vector, fed back as the filter does it, by differences."""
+    model = ErrorModel(
+        imu_preset("adis16470"), clock_walk=0.1, odometer=True, vehicle=VehiclePrior(0.1, 2.0)
+    )
+    before = np.zeros(model.size)
+    before[model.mounting], before[model.wheel] = [0.05, -0.12], [-1.4, 0.6]
+
+    def estimated(x=None):
+        states = VehicleStates(model)
+        states.feed_back(before)
+        if x is not None:
+            states.feed_back(x)
+        return states.point(C_BV, LEVER)
+
+    def velocity(x):
+        state = moved(moving_state, x)
+        return constraints.vehicle_velocity(state, OMEGA - x[9:12], estimated(x))
+
+    n = model.size
+    expected = central_differences(velocity, n)
+    nhc = constraints.non_holonomic(moving_state, n, OMEGA, estimated(), (0.1, 0.2))
+    np.testing.assert_allclose(nhc.H, expected[1:], atol=1e-6)
+    assert np.linalg.norm(nhc.H[:, model.mounting]) > 5.0
+    assert np.linalg.norm(nhc.H[:, model.wheel]) > 0.3
+    odo = constraints.odometer(moving_state, n, OMEGA, estimated(), 14.0, 0.05, 0.0)
+    np.testing.assert_allclose(odo.H[:, : n - 1], expected[:1, : n - 1], atol=1e-6)
+
+
+def test_what_was_declared_is_corrected_about_the_vehicles_own_axes():
+    model = ErrorModel(imu_preset("adis16470"), vehicle=VehiclePrior(0.1, 2.0))
+    states = VehicleStates(model)
+    x = np.zeros(model.size)
+    x[model.mounting], x[model.wheel] = [0.02, -0.3], [-1.5, 0.4]
+    states.feed_back(x)
+    point = states.point(C_BV, LEVER)
+    np.testing.assert_allclose(point.C_bv, C_BV @ matrix_from_rotvec(np.array([0.0, 0.02, -0.3])))
+    np.testing.assert_allclose(point.lever_b, LEVER + C_BV @ [-1.5, 0.0, 0.4])
+
+
+def test_a_mounting_that_is_forgotten_is_as_unknown_as_before():
+    model = ErrorModel(imu_preset("adis16470"), vehicle=VehiclePrior(0.1, 2.0))
+    root = np.random.default_rng(3).normal(size=(model.size, model.size))
+    P, phi = VehicleStates(model).forgotten(root @ root.T)
+    np.testing.assert_array_equal(P[:15, :15], (root @ root.T)[:15, :15])
+    np.testing.assert_allclose(P[15:, 15:], np.diag([0.01, 0.01, 4.0, 4.0]))
+    assert not P[:15, 15:].any() and not phi[15:].any()
 
 
 def test_standstill_jacobians(moving_state):
@@ -59,7 +111,9 @@ def test_constraints_hold_on_the_simulated_car(city_drive):
         state = NavState(t, k.pos_e[i], k.vel_e[i], k.C_eb[i])
         omega = k.omega_ib_b[i]
         for lever, out in ((city_drive.lever_vehicle_b, sideways), (np.zeros(3), at_imu)):
-            out.append(constraints.vehicle_velocity(state, omega, np.eye(3), lever)[1:])
+            out.append(
+                constraints.vehicle_velocity(state, omega, VehiclePoint(np.eye(3), lever))[1:]
+            )
     assert np.abs(sideways).max() < 1e-6
     assert np.abs(at_imu).max() > 0.2
 

@@ -6,6 +6,7 @@ import pytest
 from certnav.filters.compiled import kernels
 from certnav.filters.error_model import ATT, GYRO_BIAS, GYRO_SCALE, POS, VEL, ErrorModel
 from certnav.filters.errors import ConfigError
+from certnav.filters.levers import VehiclePrior
 from certnav.filters.rotation import matrix_from_rotvec
 from certnav.filters.sensors import imu_preset
 
@@ -74,10 +75,25 @@ def test_transition_error_falls_with_the_square_of_the_step(moving_state):
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.15)
 
 
-@pytest.mark.parametrize("states", [15, 21])
-def test_covariance_step_is_phi_p_phi_t_plus_q(moving_state, states):
+#: 23 states of which none is a scale factor.
+MANY = {"clock_walk": 0.1, "fix_correlation": 10.0, "vehicle": VehiclePrior(0.1, 2.0)}
+
+
+def test_other_states_are_no_scale_factors(moving_state):
+    made = ErrorModel(imu_preset("adis16470"), **MANY)
+    assert made.size == 23
+    at = moving_state.pos_e, moving_state.C_eb, OMEGA, FORCE, 0.01
+    phi = made.transition_matrix(*at)
+    expected = np.eye(23)
+    expected[:15, :15] = ErrorModel(imu_preset("adis16470")).transition_matrix(*at)
+    np.testing.assert_array_equal(phi, expected)
+
+
+@pytest.mark.parametrize("more", [{}, {"states": 21}, MANY])
+def test_covariance_step_is_phi_p_phi_t_plus_q(moving_state, more):
     rng = np.random.default_rng(7)
-    model = ErrorModel(imu_preset("adis16470"), states)
+    model = ErrorModel(imu_preset("adis16470"), **more)
+    states = model.size
     root = rng.normal(size=(states, states)) * np.logspace(0, -6, states)[:, None]
     P = root @ root.T
     dt = 0.01
@@ -94,7 +110,9 @@ def test_covariance_step_is_phi_p_phi_t_plus_q(moving_state, states):
     zero = np.zeros(6)
     kernels.strapdown_step(pos, vel, C, OMEGA, FORCE, zero[:3], zero[:3], dt, v, R, work)
     F = np.zeros((6, 3, 3))
-    kernels.linearise(F, dt, G, v[0], moving_state.C_eb, R, OMEGA, FORCE, np.ones(6), 1.0, 1.0)
+    kernels.linearise(
+        F, dt, G, v[0], moving_state.C_eb, R, OMEGA, FORCE, np.ones(6), 1.0, 1.0, noise[6]
+    )
     actual = P.copy()
     scratch = np.empty((9, states)), np.zeros((states, 9)), np.empty((9, 9))
     kernels.covariance_step(actual, F, *scratch, noise)

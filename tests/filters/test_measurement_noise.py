@@ -14,11 +14,13 @@ import pytest
 from certnav.filters import constraints, measurements
 from certnav.filters.earth import OMEGA_IE_E
 from certnav.filters.gnss_states import SHARED, shared_root
+from certnav.filters.levers import VehiclePoint
 from certnav.filters.rotation import matrix_from_rpy
 
 DRAWS = 4000
 LEVER, OMEGA = np.array([-0.65, 0.3, -1.2]), np.array([0.02, -0.05, 0.35])
 C_BV = matrix_from_rpy(np.radians([2.0, -3.0, 5.0]))
+POINT = VehiclePoint(C_BV, LEVER)
 #: Axes and 1σ of an ellipsoid that no Cartesian axis is an axis of.
 AXES = matrix_from_rpy([0.5, -0.4, 1.1])
 
@@ -156,10 +158,10 @@ def test_non_holonomic(moving_state):
         vel_v = np.concatenate([[12.0], sigma * rng.standard_normal(2)])
         vel_b = C_BV @ vel_v - np.cross(omega_eb, LEVER)  # of the IMU
         state = dataclasses.replace(moving_state, vel_e=moving_state.C_eb @ vel_b)
-        return constraints.non_holonomic(state, 15, OMEGA, C_BV, LEVER, sigma)
+        return constraints.non_holonomic(state, 15, OMEGA, POINT, sigma)
 
     assert_scatter(measure)
-    one = constraints.non_holonomic(moving_state, 15, OMEGA, C_BV, LEVER, 0.05)
+    one = constraints.non_holonomic(moving_state, 15, OMEGA, POINT, 0.05)
     np.testing.assert_allclose(one.R, np.diag([0.0025, 0.0025]))
 
 
@@ -171,7 +173,7 @@ def test_odometer(moving_state):
 
     def measure(rng):
         speed = (1.0 + scale) * 12.0 + sigma * rng.standard_normal()
-        return constraints.odometer(state, 16, OMEGA, C_BV, LEVER, speed, sigma, scale)
+        return constraints.odometer(state, 16, OMEGA, POINT, speed, sigma, scale)
 
     assert_scatter(measure)
 

@@ -80,9 +80,26 @@ def start_filter(
         P[np.ix_(filled, filled)] = start.joint_cov
     elif attitude.sigma_gyro_bias is not None:
         P[GYRO_BIAS, GYRO_BIAS] = np.eye(3) * attitude.sigma_gyro_bias**2
+    if attitude.method == "level+course":
+        _heading_by_course(P, model, calibration.C_bv)
     rate = config.output_rate_hz
     interval = 1.0 / rate if rate > 0 else 0.0
     return ErrorStateFilter(
         model, stream, start.state, P, interval, attitude.gyro_bias, config.smooth,
         accel_bias=start.accel_bias,
     )  # fmt: skip
+
+
+def _heading_by_course(P: FloatArray, model: ErrorModel, C_bv: FloatArray) -> None:
+    """Add what a mounting that is not exact does to a heading taken from the course, in place.
+
+    C_nb = C_nv C_bvᵀ, the vehicle's heading known: a mounting turned by the error μ makes an
+    attitude error of φ = −C_bv μ. Of μ the yaw is meant; gravity keeps the IMU level.
+    """
+    mounting = model.mounting
+    if mounting is None:
+        return
+    down_b, yaw, variance = C_bv[:, 2], mounting.start + 1, model.vehicle.sigma_mounting**2
+    P[ATT, ATT] += variance * np.outer(down_b, down_b)
+    P[ATT, yaw] -= variance * down_b
+    P[yaw, ATT] -= variance * down_b

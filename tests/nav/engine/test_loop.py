@@ -224,11 +224,18 @@ def test_one_satellite_that_agrees_speaks_for_the_filter():
     assert loop.kalman.P[VEL, VEL][0, 0] < 0.2**2
 
 
+#: Two constraints a second, of 0.2 m/s each.
+TWICE = {
+    "interval_s": 0.5, "nhc": "on", "sigma_lateral_mps": 0.2 / 2**0.5,
+    "sigma_vertical_mps": 0.2 / 2**0.5,
+}  # fmt: skip
+
+
 def sideways(speed, **vehicle):
     """A filter at rest that believes it drifts to the right."""
     kalman = rigs.filter_at_rest(12.0, sigma=(1.0, 0.01, 1e-4))
     kalman.vel_e += speed * EAST
-    loop = loop_of(kalman, vehicle={"interval_s": 0.5, "nhc": "on", **vehicle})
+    loop = loop_of(kalman, vehicle={**TWICE, **vehicle})
     loop.constrain(11.0)
     return loop
 
@@ -263,7 +270,7 @@ def test_what_was_forced_upon_it_begins_its_patience_anew():
     (forced,) = [u.time for u in loop.updates if u.reason == ENLARGED]
     kalman = rigs.filter_at_rest(12.0, sigma=(1.0, 0.01, 1e-4))
     kalman.vel_e += 1.5 * EAST
-    again = loop_of(kalman, vehicle={"interval_s": 0.5, "nhc": "on", "zupt": False, "zaru": False})
+    again = loop_of(kalman, vehicle={**TWICE, "zupt": False, "zaru": False})
     again.constrain(forced + 0.01)
     assert again.updates[-1].reason == ENLARGED
     kalman.vel_e += 300.0 * EAST

@@ -102,9 +102,9 @@ def test_in_motion_it_goes_where_it_points():
 
 
 @pytest.mark.parametrize(("wanted", "mounted", "there"), [
-    ("auto", "test", True), ("auto", "", False), ("on", "", True), ("off", "test", False),
+    ("auto", "test", True), ("auto", "", True), ("on", "", True), ("off", "test", False),
 ])  # fmt: skip
-def test_an_unknown_mounting_keeps_it_off_unless_told_otherwise(wanted, mounted, there):
+def test_it_is_on_unless_told_otherwise_whatever_is_known(wanted, mounted, there):
     calibration = rigs.calibration(mounted=mounted)
     vehicle = VehicleConstraints(calibration, VehicleConfig(nhc=wanted))
     assert vehicle.nhc == there
