@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike
 from .compiled import kernels
 from .compiled import rows as layout
 from .compiled.jit import COMPILED
+from .earth import OMEGA_IE_E, gravity_e
 from .error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
 from .errors import DataError
 from .gnss_states import GnssStates
-from .levers import VehicleStates
+from .levers import AntennaPoint, AntennaStates, VehicleStates, rate_over_earth
 from .measurement_update import Update, compiled, innovation, turned, with_filterpy
 from .measurements import Measurement
 from .rotation import FloatArray
@@ -48,6 +49,8 @@ class Outcome:
     limit: float
 
 
+#: What moves the antenna so that GNSS shows its place and delay is a mean over so long [s].
+_STEADY = 0.5
 #: Position [m], velocity [m/s] and attitude [rad] errors beyond which enlarging P is pointless.
 _LOST = np.repeat([1000.0, 30.0, 1.0], 3)
 
@@ -116,6 +119,7 @@ class ErrorStateFilter:
         self.odometer_scale = 0.0
         self.gnss = GnssStates(model)
         self.vehicle = VehicleStates(model)
+        self.antenna = AntennaStates(model)
         self.omega_b = np.zeros(3)
         self._noise = model.noise()
         self._update: Update = with_filterpy if filterpy else compiled
@@ -148,6 +152,18 @@ class ErrorStateFilter:
     def accel_bias(self) -> FloatArray:
         """Estimated accelerometer bias, body axes [m/s²], shape (3,)."""
         return self.bias[3:6]
+
+    def antenna_point(self, lever_b: ArrayLike) -> AntennaPoint:
+        """Return the antenna as estimated, from its lever as declared [m]."""
+        if self.model.antenna is None and self.model.delay is None:
+            return self.antenna.point(lever_b)
+        first = max(self._sample - max(round(_STEADY / self.stream.interval), 1), 0)
+        samples = slice(first, self._sample + 1)
+        force_b = self.stream.accel[samples].mean(axis=0) - self.accel_bias
+        omega_b = self.stream.gyro[samples].mean(axis=0) - self.gyro_bias
+        coriolis = 2.0 * np.cross(OMEGA_IE_E, self.vel_e)
+        accel_e = self.C_eb @ force_b + gravity_e(self.pos_e) - coriolis
+        return self.antenna.point(lever_b, accel_e, rate_over_earth(self.C_eb, omega_b))
 
     @property
     def rows(self) -> FloatArray:
@@ -318,6 +334,7 @@ class ErrorStateFilter:
         self.bias[6 : 6 + self.model.states - 15] += x[15 : self.model.states]
         self.gnss.feed_back(x)
         self.vehicle.feed_back(x)
+        self.antenna.feed_back(x)
         if self.model.odometer:
             self.odometer_scale += float(x[-1])
         if self.tape is not None:

@@ -26,7 +26,8 @@ share (reflections, ionosphere, orbits), a Gauss–Markov process in units of ea
 standard deviation.
 
 How the IMU sits in the vehicle is constant and not known exactly: the direction of the vehicle's
-forward axis, and where the point is that the wheels constrain (`filters.levers`).
+forward axis, and where the point is that the wheels constrain; nor are the antenna's place and the
+time stamps of GNSS (`filters.levers`).
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ from numpy.typing import ArrayLike
 from .compiled import kernels
 from .errors import ConfigError
 from .gnss_states import CLOCK_DRIFT_SIGMA, shared_root
-from .levers import VehiclePrior
+from .levers import AntennaPrior, VehiclePrior
 from .rotation import FloatArray
 from .sensors import ImuSpec
 
@@ -68,6 +69,8 @@ class ErrorModel:
         Correlation time of position errors [s]; 0: no such states.
     vehicle : VehiclePrior
         What is known of mounting and wheel point before; exactly: no such states.
+    gnss_antenna : AntennaPrior
+        What is known of the antenna's place and of time stamps; exactly: no such states.
     """
 
     imu: ImuSpec
@@ -77,6 +80,7 @@ class ErrorModel:
     clock_walk: float = 0.0
     fix_correlation: float = 0.0
     vehicle: VehiclePrior = field(default_factory=VehiclePrior)
+    gnss_antenna: AntennaPrior = field(default_factory=AntennaPrior)
 
     def __post_init__(self) -> None:
         if self.states not in (15, 21):
@@ -89,17 +93,17 @@ class ErrorModel:
     @property
     def size(self) -> int:
         """Length of the error state."""
-        prior = self.vehicle
-        return (
-            self._gnss_end
-            + 2 * (prior.sigma_mounting > 0.0)
-            + 2 * (prior.sigma_wheel > 0.0)
-            + self.odometer
-        )
+        delayed = self.gnss_antenna.sigma_delay > 0.0
+        return self._vehicle_end + 3 * (self.antenna is not None) + delayed + self.odometer
 
     @property
     def _gnss_end(self) -> int:
         return self.states + (self.clock_walk > 0) + 3 * (self.fix_correlation > 0)
+
+    @property
+    def _vehicle_end(self) -> int:
+        prior = self.vehicle
+        return self._gnss_end + 2 * (prior.sigma_mounting > 0.0) + 2 * (prior.sigma_wheel > 0.0)
 
     @property
     def clock(self) -> int | None:
@@ -123,6 +127,18 @@ class ErrorModel:
         """Place of the constrained point, forward and down [m], if it is a state."""
         first = self._gnss_end + 2 * (self.vehicle.sigma_mounting > 0.0)
         return slice(first, first + 2) if self.vehicle.sigma_wheel > 0.0 else None
+
+    @property
+    def antenna(self) -> slice | None:
+        """Place of the antenna, body axes [m], if it is a state."""
+        first = self._vehicle_end
+        return slice(first, first + 3) if self.gnss_antenna.sigma_lever > 0.0 else None
+
+    @property
+    def delay(self) -> int | None:
+        """Index of what GNSS is late beyond its stamps [s], if it is a state."""
+        first = self._vehicle_end + 3 * (self.gnss_antenna.sigma_lever > 0.0)
+        return first if self.gnss_antenna.sigma_delay > 0.0 else None
 
     @property
     def bias_decay_rate(self) -> float:
@@ -173,6 +189,10 @@ class ErrorModel:
             P[self.mounting, self.mounting] = np.eye(2) * self.vehicle.sigma_mounting**2
         if self.wheel is not None:
             P[self.wheel, self.wheel] = np.eye(2) * self.vehicle.sigma_wheel**2
+        if self.antenna is not None:
+            P[self.antenna, self.antenna] = np.eye(3) * self.gnss_antenna.sigma_lever**2
+        if self.delay is not None:
+            P[self.delay, self.delay] = self.gnss_antenna.sigma_delay**2
         if self.odometer:
             P[-1, -1] = ODOMETER_SCALE_SIGMA**2
         return P

@@ -9,11 +9,14 @@ about the vehicle's own axes, the point's is a vector in them:
 
 Rotation about the direction of motion is in no velocity, and where the point lies to the side
 changes its forward velocity alone: neither is a state.
+
+The antenna's place and the time by which GNSS is stamped early or late are constants, too: with
+what is declared of them comes a σ. A fix stamped t is of t + delay.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -142,3 +145,101 @@ class VehicleStates:
                 P[part], P[:, part] = 0.0, 0.0
                 P[part, part] = np.eye(2) * sigma**2
         return P, phi
+
+
+@dataclass(frozen=True)
+class AntennaPrior:
+    """How well the antenna's place and the time stamps of GNSS are known before any data.
+
+    Parameters
+    ----------
+    sigma_lever : float
+        1σ of each component of the lever from the IMU [m]; 0: exactly, no states.
+    sigma_delay : float
+        1σ of the time stamps against the IMU's [s]; 0: exactly, no state.
+    """
+
+    sigma_lever: float = 0.0
+    sigma_delay: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class AntennaPoint:
+    """The antenna that a measurement is of.
+
+    Parameters
+    ----------
+    lever_b : array_like, shape (3,)
+        From the IMU, body axes [m].
+    lever : slice, optional
+        Where its error is in the error state; default: it is exact.
+    delay : int, optional
+        Where that of the time stamps is; default: they are exact.
+    delay_s : float
+        By how much later than stamped a measurement is [s].
+    accel_e : array_like, shape (3,)
+        Acceleration over the Earth [m/s²], of use where there is a delay.
+    rate_b : array_like, shape (3,)
+        Rate over the Earth that has lasted [rad/s], by which a velocity shows the lever: vibration
+        is faster than a receiver's Doppler.
+    """
+
+    lever_b: FloatArray
+    lever: slice | None = None
+    delay: int | None = None
+    delay_s: float = 0.0
+    accel_e: FloatArray = field(default_factory=lambda: np.zeros(3))
+    rate_b: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        for name in ("lever_b", "accel_e", "rate_b"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+
+
+def antenna_point(lever_b: ArrayLike | AntennaPoint) -> AntennaPoint:
+    """Return the antenna at a lever that is exact [m], or the one that is given."""
+    if isinstance(lever_b, AntennaPoint):
+        return lever_b
+    return AntennaPoint(np.asarray(lever_b, dtype=float))
+
+
+class AntennaStates:
+    """Lever and delay of one filter, as corrections of what is declared.
+
+    Parameters
+    ----------
+    model : ErrorModel
+
+    Attributes
+    ----------
+    lever_b : ndarray, shape (3,)
+        What is added to the declared lever [m].
+    delay_s : float
+        What GNSS is late beyond its stamps [s].
+    """
+
+    def __init__(self, model: ErrorModel) -> None:
+        self.model = model
+        self.lever_b = np.zeros(3)
+        self.delay_s = 0.0
+
+    def point(
+        self,
+        lever_b: ArrayLike,
+        accel_e: ArrayLike = (0.0, 0.0, 0.0),
+        rate_b: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> AntennaPoint:
+        """Return the antenna as estimated, from the lever as declared [m] and how it moves."""
+        lever = np.asarray(lever_b, dtype=float) + self.lever_b
+        model = self.model
+        return AntennaPoint(
+            lever, model.antenna, model.delay, self.delay_s,
+            np.asarray(accel_e, dtype=float), np.asarray(rate_b, dtype=float),
+        )  # fmt: skip
+
+    def feed_back(self, x: FloatArray) -> None:
+        """Add the estimated errors, ordered as in the error model."""
+        if self.model.antenna is not None:
+            self.lever_b += x[self.model.antenna]
+        if self.model.delay is not None:
+            self.delay_s += float(x[self.model.delay])

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .earth import OMEGA_IE_SKEW
 from .error_model import ATT, GYRO_BIAS, POS, VEL
 from .gnss_states import SHARED, shared_root
-from .levers import lever_velocity, rate_over_earth
+from .levers import AntennaPoint, antenna_point, lever_velocity, rate_over_earth
 from .rotation import FloatArray, skew
 from .strapdown import NavState
 
@@ -60,7 +60,12 @@ def antenna_velocity(state: NavState, omega_b: ArrayLike, lever_b: ArrayLike) ->
 
 
 def position(
-    state: NavState, states: int, pos_e: ArrayLike, cov_e: ArrayLike, lever_b: ArrayLike
+    state: NavState,
+    states: int,
+    pos_e: ArrayLike,
+    cov_e: ArrayLike,
+    lever_b: ArrayLike | AntennaPoint,
+    omega_b: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Measurement:
     """Antenna position in ECEF.
 
@@ -74,13 +79,24 @@ def position(
         Measured antenna position [m].
     cov_e : array_like, shape (3, 3)
         [m²].
-    lever_b : array_like, shape (3,)
+    lever_b : array_like, shape (3,), or AntennaPoint
         IMU to antenna, body axes [m].
+    omega_b : array_like, shape (3,)
+        ω_ib^b [rad/s], corrected; of use where the point has a delay.
     """
+    point = antenna_point(lever_b)
     H = np.zeros((3, states))
     H[:, POS] = np.eye(3)
-    H[:, ATT] = -state.C_eb @ skew(lever_b)
-    z = np.asarray(pos_e, dtype=float) - antenna_position(state, lever_b)
+    H[:, ATT] = -state.C_eb @ skew(point.lever_b)
+    z = np.asarray(pos_e, dtype=float) - antenna_position(state, point.lever_b)
+    if point.lever is not None:
+        H[:, point.lever] = state.C_eb
+    if point.delay is not None:
+        there = AntennaPoint(point.lever_b, point.lever, rate_b=point.rate_b)
+        moving = velocity(state, states, np.zeros(3), np.eye(3), there, omega_b)
+        H += point.delay_s * moving.H
+        H[:, point.delay] = -moving.z
+        z = z + point.delay_s * moving.z
     return Measurement(z, H, np.asarray(cov_e, dtype=float))
 
 
@@ -112,7 +128,7 @@ def velocity(
     states: int,
     vel_e: ArrayLike,
     cov_e: ArrayLike,
-    lever_b: ArrayLike,
+    lever_b: ArrayLike | AntennaPoint,
     omega_b: ArrayLike,
 ) -> Measurement:
     """Antenna velocity in ECEF.
@@ -126,8 +142,8 @@ def velocity(
     omega_b : array_like, shape (3,)
         ω_ib^b [rad/s], corrected for bias and scale.
     """
-    lever = np.asarray(lever_b, dtype=float)
-    omega = np.asarray(omega_b, dtype=float)
+    point, omega = antenna_point(lever_b), np.asarray(omega_b, dtype=float)
+    lever = point.lever_b
     H = np.zeros((3, states))
     H[:, VEL] = np.eye(3)
     # C(ω×l) turns with the attitude; so does Cl in the Earth-rate part ω_ie × Cl.
@@ -135,6 +151,11 @@ def velocity(
     H[:, ATT] = OMEGA_IE_SKEW @ C_lever - state.C_eb @ skew(skew(omega) @ lever)
     H[:, GYRO_BIAS] = C_lever
     z = np.asarray(vel_e, dtype=float) - antenna_velocity(state, omega, lever)
+    if point.lever is not None:
+        H[:, point.lever] = state.C_eb @ skew(point.rate_b)
+    if point.delay is not None:
+        H[:, point.delay] = point.accel_e
+        z = z - point.delay_s * point.accel_e
     return Measurement(z, H, np.asarray(cov_e, dtype=float))
 
 
@@ -144,7 +165,7 @@ def range_rates(
     e_e: ArrayLike,
     z: ArrayLike,
     sigma: ArrayLike,
-    lever_b: ArrayLike,
+    lever_b: ArrayLike | AntennaPoint,
     omega_b: ArrayLike,
     clock: int | None = None,
     clock_drift: float = 0.0,
@@ -173,7 +194,7 @@ def range_rates(
     """
     e, sigma = np.asarray(e_e, dtype=float), np.asarray(sigma, dtype=float)
     antenna = velocity(state, states, np.zeros(3), np.eye(3), lever_b, omega_b)
-    predicted = antenna_velocity(state, omega_b, lever_b)
+    predicted = -antenna.z
     weight = 1.0 / sigma
     residual = weight * (np.asarray(z, dtype=float) - e @ predicted)
     if clock is not None:

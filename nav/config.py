@@ -190,6 +190,9 @@ class GnssConfig:
     position_correlation_s : float
         Correlation time of the errors of single-point positions, which are then a state; 0: each
         position's error is its own. Positions a set carries and relative ones are taken as such.
+    delay_sigma_s : float
+        1σ of a constant error of GNSS's time stamps against the IMU's, which is then estimated; 0:
+        as the recording declares (``time_offset_sigma_s``), or none.
     position_sigma_scale, velocity_sigma_scale : float
         Factor on the standard deviations of positions and velocities.
     position_sigma_floor_m, velocity_sigma_floor_mps : float
@@ -216,6 +219,7 @@ class GnssConfig:
     clock_walk_mps: float = 0.1
     doppler_hold_off_s: float = 1.5
     position_correlation_s: float = 10.0
+    delay_sigma_s: float = 0.0
     position_sigma_scale: float = 1.0
     velocity_sigma_scale: float = 1.0
     position_sigma_floor_m: float = 0.02
@@ -242,7 +246,7 @@ class GnssConfig:
         for name in (
             "position_sigma_floor_m", "velocity_sigma_floor_mps", "min_cn0_dbhz", "ddia_min_k",
             "ddia_min_cn0_dbhz", "doppler_sigma_mps", "clock_walk_mps", "doppler_hold_off_s",
-            "position_correlation_s", "code_weak_sigma_m",
+            "position_correlation_s", "code_weak_sigma_m", "delay_sigma_s",
         ):  # fmt: skip
             _positive(f"gnss.{name}", getattr(self, name), zero=True)
         if not -90.0 <= self.elevation_mask_deg < 90.0:

@@ -1,4 +1,4 @@
-"""How the IMU sits in its vehicle, as a run knows it in the end, and whether that was used."""
+"""How IMU and antenna sit in their vehicle, as a run knows it in the end, and what used it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,76 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..filters.rotation import FloatArray, rpy_from_matrix
+
+#: A constant is observed that is known to so much of what was known before.
+_OBSERVED = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class AntennaPlace:
+    """Place of the antenna and time stamps of GNSS.
+
+    Parameters
+    ----------
+    lever_b : ndarray, shape (3,)
+        From the IMU, body axes [m].
+    sigma, prior_sigma : ndarray, shape (3,)
+        1σ now and before the data [m]; 0: exact.
+    delay, delay_sigma, delay_prior_sigma : float
+        By how much GNSS is later than stamped, and 1σ now and before the data [s]; 0: exact.
+    """
+
+    lever_b: FloatArray
+    sigma: FloatArray
+    prior_sigma: FloatArray
+    delay: float = 0.0
+    delay_sigma: float = 0.0
+    delay_prior_sigma: float = 0.0
+
+    @property
+    def observed(self) -> NDArray[np.bool_]:
+        """Whether the motion has shown forward, right, down, and the delay, shape (4,)."""
+        now = np.append(self.sigma, self.delay_sigma)
+        return np.asarray(now < _OBSERVED * np.append(self.prior_sigma, self.delay_prior_sigma))
+
+    def lines(self) -> list[str]:
+        """Return what a run says of it: nothing where both are exact."""
+        out = []
+        *seen, timed = self.observed
+        if self.prior_sigma.any():
+            parts = [
+                f"{value:+.2f} ± {sigma:.2f} m {axis}{'' if ok else ' (not observed)'}"
+                for value, sigma, ok, axis in zip(
+                    self.lever_b, self.sigma, seen, ("forward", "right", "down"), strict=True
+                )
+            ]
+            out.append(f"antenna {', '.join(parts)} of the IMU (estimated)")
+        if self.delay_prior_sigma:
+            what = "estimated" if timed else "not observed"
+            out.append(
+                f"GNSS is {self.delay:+.3f} ± {self.delay_sigma:.3f} s later than stamped ({what})"
+            )
+        return out
+
+    def figures(self) -> dict[str, Any]:
+        """Return it for summary.json."""
+        *seen, timed = map(bool, self.observed)
+        return {
+            "lever_frd_m": self.lever_b,
+            "lever_sigma_m": self.sigma,
+            "lever_observed": seen,
+            "delay_s": self.delay,
+            "delay_sigma_s": self.delay_sigma,
+            "delay_observed": timed,
+        }
 
 
 @dataclass(frozen=True, eq=False)
 class Installation:
-    """Mounting and wheel point.
+    """Mounting, wheel point and antenna.
 
     Parameters
     ----------
@@ -28,6 +91,7 @@ class Installation:
         From the IMU to the point the wheels constrain, vehicle axes [m].
     wheel_sigma : ndarray, shape (2,)
         1σ of it, forward and down [m]; 0: exact.
+    antenna : AntennaPlace
     """
 
     off: str
@@ -36,6 +100,7 @@ class Installation:
     mounting_cov: FloatArray
     wheel_v: FloatArray
     wheel_sigma: FloatArray
+    antenna: AntennaPlace
 
     @property
     def pitch_yaw(self) -> FloatArray:
@@ -97,4 +162,5 @@ class Installation:
             "wheels_frd_m": self.C_bv @ self.wheel_v,
             "wheels_vehicle_m": self.wheel_v,
             "wheels_vehicle_sigma_m": self.wheel_sigma,
+            "antenna": self.antenna.figures(),
         }

@@ -84,8 +84,12 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         why = str(error)
     status, said = told(made, stream.end, why)
     updates = tuple(update for leg in made for update in leg.updates)
+    installed = made[-1].installation
     notes = [
-        *said, *plain(sequence.notes), *plain([str(made[-1].installation)]), *timeline.notes,
+        *said,
+        *plain(sequence.notes),
+        *plain([str(installed), *installed.antenna.lines()]),
+        *timeline.notes,
         *_imu_gaps(sequence),
         *blind_notes(spells, blind),
         *doubts(updates, config.filter.gate_probability),
@@ -103,7 +107,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         notes=tuple(notes),
         timing={"gnss_s": spent_gnss, "alignment_s": aligning, "filter_s": spent - aligning},
         status=status,
-        installation=made[-1].installation,
+        installation=installed,
     )
 
 

@@ -71,13 +71,14 @@ KEYS: dict[str, tuple[str, ...]] = {
     "": ("name", "time", "imu", "antenna", "vehicle", "gnss", "rinex", "odometer", "reference"),
     "time": ("scale", "week", "unit", "offset_s"),
     "imu": (
-        *("file", "separator", *_TIME_KEYS, "gyro", "accel", "gyro_unit", "accel_unit"),
+        *("file", "separator", *_TIME_KEYS, "time_offset_sigma_s"),
+        *("gyro", "accel", "gyro_unit", "accel_unit"),
         *("axes", "samples", "noise"),
     ),
     "imu.noise": ("preset", *_NOISE_FIELDS, *_NOISE_UNITS),
     "antenna": ("lever_frd_m", "lever_sigma_m", "source"),
     "vehicle": ("mounting_rpy_deg", "wheels_frd_m"),
-    "gnss": ("file", "format", "separator", *_TIME_KEYS, *_PVT_KEYS),
+    "gnss": ("file", "format", "separator", *_TIME_KEYS, "time_offset_sigma_s", *_PVT_KEYS),
     "rinex": ("observations", "navigation", "systems", "signals"),
     "odometer": (
         *("file", "separator", *_TIME_KEYS, "speed", "speed_unit"),

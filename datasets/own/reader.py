@@ -40,6 +40,9 @@ from .declaration import (
 from .pvt_columns import read_pvt, read_timed
 from .reference import read_reference
 
+#: A delay of time stamps that is not known to this is not to be estimated, but found [s].
+_LARGEST_DELAY = 1.0
+
 
 def is_declared(folder: Path) -> bool:
     """Return whether the folder holds ``sequence.toml``."""
@@ -82,6 +85,7 @@ def read_declared(path: str | Path) -> Sequence:
         lever_antenna_b=lever_b,
         lever_antenna_source=antenna.text("source", "", default=f"declared in {NAME}"),
         lever_antenna_sigma=float(antenna.numbers("lever_sigma_m", (1,), "", np.zeros(1))[0]),
+        delay_sigma=_delay_sigma(declared),
         C_bv=C_bv,
         lever_vehicle_b=wheels,
         # Vehicle constraints need both the mounting and the point the wheels constrain.
@@ -252,6 +256,19 @@ def _fixes_of_columns(section: Section, scale: TimeScale) -> tuple[GnssFixes, li
     if section.has("velocity") and without:
         notes.append(f"{without} of {n} GNSS rows have no velocity")
     return fixes, notes
+
+
+def _delay_sigma(declared: Declaration) -> float:
+    """Return 1σ of GNSS's time stamps against the IMU's [s]."""
+    total = 0.0
+    for name in ("imu", "gnss"):
+        section = declared.sections.get(name)
+        if section is not None and section.has("time_offset_sigma_s"):
+            sigma = float(section.numbers("time_offset_sigma_s", (1,), "")[0])
+            if not 0.0 <= sigma <= _LARGEST_DELAY:
+                raise section.refuse("time_offset_sigma_s", f"0 … {_LARGEST_DELAY:g} s, 1σ")
+            total = float(np.hypot(total, sigma))
+    return total
 
 
 def _fixes_of_format(

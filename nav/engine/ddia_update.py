@@ -41,7 +41,7 @@ def filter_motion(
     return forward_motion(
         kalman.C_eb,
         rate_over_earth(kalman.C_eb, kalman.omega_b),
-        calibration.lever_antenna_b,
+        kalman.antenna_point(calibration.lever_antenna_b).lever_b,
         C_bv=point.C_bv,
         lever_vehicle_b=point.lever_b,
         att_cov_e=kalman.C_eb @ kalman.P[ATT, ATT] @ kalman.C_eb.T,
@@ -68,10 +68,10 @@ def measurement(
         Factor on the standard deviations, and what is added to them on every axis [m/s].
     """
     cov = aided.noise_cov_e * sigma_scale**2 + np.eye(3) * sigma_floor**2
+    antenna = kalman.antenna_point(calibration.lever_antenna_b)
     m = measurements.velocity(
-        kalman.state, kalman.model.size, aided.vel_e, cov, calibration.lever_antenna_b,
-        kalman.omega_b,
-    )  # fmt: skip
+        kalman.state, kalman.model.size, aided.vel_e, cov, antenna, kalman.omega_b
+    )
     H = m.H.copy()
     # φ (true − estimated, body) is −φ' of `ddia` in body axes.
     H[:, ATT] -= aided.attitude_e @ kalman.C_eb
@@ -79,7 +79,9 @@ def measurement(
     # velocity is too large by (I − u gᵀE) of that.
     point = kalman.vehicle.point(calibration.C_bv, calibration.lever_vehicle_b)
     swing_b = aided.swing_e @ kalman.C_eb
-    H[:, GYRO_BIAS] -= swing_b @ skew(calibration.lever_antenna_b - point.lever_b)
+    H[:, GYRO_BIAS] -= swing_b @ skew(antenna.lever_b - point.lever_b)
+    if antenna.lever is not None:
+        H[:, antenna.lever] -= swing_b @ skew(antenna.rate_b)
     if point.wheel is not None:
         rate_b = rate_over_earth(kalman.C_eb, kalman.omega_b)
         H[:, point.wheel] = (swing_b @ skew(rate_b) @ point.C_bv)[:, [0, 2]]

@@ -81,10 +81,9 @@ def _linear(
     kalman: ErrorStateFilter, calibration: Calibration, rows: DopplerRows
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return whitened rows in antenna velocity and clock drift: H (n, 4), z (n,) and P (4, 4)."""
-    lever, n = calibration.lever_antenna_b, kalman.model.size
-    antenna = measurements.velocity(
-        kalman.state, n, np.zeros(3), np.eye(3), lever, kalman.omega_b
-    ).H
+    n, point = kalman.model.size, kalman.antenna_point(calibration.lever_antenna_b)
+    m = measurements.velocity(kalman.state, n, np.zeros(3), np.eye(3), point, kalman.omega_b)
+    antenna, predicted = m.H, -m.z
     clock = kalman.model.clock
     P = np.zeros((4, 4))
     J = antenna
@@ -93,7 +92,6 @@ def _linear(
     P[: len(J), : len(J)] = J @ kalman.P @ J.T
     if clock is None:
         P = _without_clock(P)
-    predicted = measurements.antenna_velocity(kalman.state, kalman.omega_b, lever)
     H = np.column_stack([rows.e_e, -np.ones(len(rows))]) / rows.sigma[:, None]
     z = (rows.z - rows.e_e @ predicted + kalman.gnss.clock_drift) / rows.sigma
     return H, z, P

@@ -81,7 +81,7 @@ class DopplerUpdates:
         """
         kalman, calibration, time = self.kalman, self.calibration, event.time
         assert event.observations is not None
-        antenna_e = kalman.pos_e + kalman.C_eb @ calibration.lever_antenna_b
+        antenna_e = kalman.pos_e + kalman.C_eb @ calibration.lever_antenna_b  # a metre is nothing
         rows = doppler_rows(event.observations, antenna_e, doppler_noise(self.config.gnss))
         if insist:
             self._doubt(event, rows, checked)
@@ -149,7 +149,8 @@ def rows_measurement(
     """Return the range rates of an epoch as one measurement; two rows or more without a clock."""
     return measurements.range_rates(
         kalman.state, kalman.model.size, rows.e_e, rows.z, rows.sigma,
-        calibration.lever_antenna_b, kalman.omega_b, kalman.model.clock, kalman.gnss.clock_drift,
+        kalman.antenna_point(calibration.lever_antenna_b), kalman.omega_b, kalman.model.clock,
+        kalman.gnss.clock_drift,
     )  # fmt: skip
 
 

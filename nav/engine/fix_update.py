@@ -72,9 +72,11 @@ class FixUpdates:
         return logged(event.time, event.kind, event.satellites, outcome, reason)
 
     def _position(self, event: GnssEvent) -> Measurement:
-        kalman, model, lever = self.kalman, self.kalman.model, self.calibration.lever_antenna_b
-        cov = event.cov_e + np.eye(3) * self.calibration.lever_antenna_sigma**2
-        m = measurements.position(kalman.state, model.size, event.value_e, cov, lever)
+        kalman, model = self.kalman, self.kalman.model
+        antenna = kalman.antenna_point(self.calibration.lever_antenna_b)
+        m = measurements.position(
+            kalman.state, model.size, event.value_e, event.cov_e, antenna, kalman.omega_b
+        )
         if not event.shared or model.fix_bias is None:
             return m
         overlap = self.overlap(event.satellites)
@@ -83,9 +85,10 @@ class FixUpdates:
         return measurements.with_shared_error(m, event.cov_e, model.fix_bias, kalman.gnss.fix_bias)
 
     def _velocity(self, event: GnssEvent) -> Measurement:
-        kalman, lever = self.kalman, self.calibration.lever_antenna_b
+        kalman = self.kalman
+        antenna = kalman.antenna_point(self.calibration.lever_antenna_b)
         return measurements.velocity(
-            kalman.state, kalman.model.size, event.value_e, event.cov_e, lever, kalman.omega_b
+            kalman.state, kalman.model.size, event.value_e, event.cov_e, antenna, kalman.omega_b
         )
 
     def _softly(self, m: Measurement) -> tuple[Outcome, str]:

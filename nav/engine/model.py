@@ -6,7 +6,7 @@ import numpy as np
 
 from ...datasets.sequence import Calibration
 from ...filters.error_model import ErrorModel
-from ...filters.levers import VehiclePrior
+from ...filters.levers import AntennaPrior, VehiclePrior
 from ...filters.sensors import ImuSpec, imu_preset
 from ..config import Config, FilterConfig
 
@@ -54,6 +54,9 @@ def error_model(
         clock_walk=config.gnss.clock_walk_mps if doppler else 0.0,
         fix_correlation=config.gnss.position_correlation_s if shared else 0.0,
         vehicle=vehicle_prior(calibration) if nhc else VehiclePrior(),
+        gnss_antenna=AntennaPrior(
+            calibration.lever_antenna_sigma, config.gnss.delay_sigma_s or calibration.delay_sigma
+        ),
     )
 
 

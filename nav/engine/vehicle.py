@@ -15,7 +15,7 @@ from ...filters.measurements import Measurement
 from ...filters.rotation import FloatArray
 from ...filters.standstill import rate_at_rest
 from ..config import VehicleConfig
-from ..installation import Installation
+from ..installation import AntennaPlace, Installation
 from ..vehicles import VEHICLES
 
 #: A standstill is only believed where the filter's own speed allows it: a car that cruises on a
@@ -77,7 +77,10 @@ class VehicleConstraints:
             sigma = np.sqrt(np.diag(kalman.P)[model.wheel])
         estimated = model.mounting is not None or model.wheel is not None
         source = "estimated" if estimated else calibration.mounting_source or "not declared"
-        return Installation(self.off, source, point.C_bv, cov, point.C_bv.T @ point.lever_b, sigma)
+        return Installation(
+            self.off, source, point.C_bv, cov, point.C_bv.T @ point.lever_b, sigma,
+            antenna_place(kalman, calibration),
+        )  # fmt: skip
 
     def offered(
         self, kalman: ErrorStateFilter, credible: bool = True
@@ -138,4 +141,18 @@ def _no_rate(kalman: ErrorStateFilter, mean: FloatArray) -> Measurement:
     sigma = np.hypot(kalman.model.imu.gyro_noise_density, np.radians(0.005))
     return constraints.zero_rate(
         kalman.state, kalman.model.size, mean, kalman.gyro_bias, float(sigma)
+    )
+
+
+def antenna_place(kalman: ErrorStateFilter, calibration: Calibration) -> AntennaPlace:
+    """Return where the antenna is, and how late its stamps are, as the filter knows it now."""
+    model, sigma = kalman.model, np.sqrt(np.diag(kalman.P))
+    prior = model.gnss_antenna
+    return AntennaPlace(
+        kalman.antenna.point(calibration.lever_antenna_b).lever_b,
+        np.zeros(3) if model.antenna is None else sigma[model.antenna],
+        np.full(3, prior.sigma_lever),
+        kalman.antenna.delay_s,
+        0.0 if model.delay is None else float(sigma[model.delay]),
+        prior.sigma_delay,
     )

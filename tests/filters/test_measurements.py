@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from certnav.filters import measurements
+from certnav.filters.levers import AntennaPoint, rate_over_earth
 from oracles.derivatives import central_differences, moved
 
 LEVER = np.array([-0.65, -0.05, -0.15])
@@ -29,6 +30,43 @@ def test_jacobian_against_central_differences(moving_state, kind):
     numeric = central_differences(lambda x: predict(kind, moving_state, x), 15)
     np.testing.assert_allclose(m.H, numeric, atol=2e-7)
     np.testing.assert_allclose(m.z, measured - predict(kind, moving_state, np.zeros(15)))
+
+
+ACCEL = np.array([0.8, -1.1, 0.4])
+POINT = AntennaPoint(LEVER, slice(15, 18), 18, 0.07, ACCEL)
+
+
+def late(kind, state, x):
+    """Return what an antenna `POINT` measures: place and delay are states."""
+    new, delay = moved(state, x), POINT.delay_s + x[18]
+    lever, omega = LEVER + x[15:18], OMEGA - x[9:12]
+    velocity = measurements.antenna_velocity(new, omega, lever)
+    if kind == "velocity":
+        return velocity + delay * ACCEL
+    return measurements.antenna_position(new, lever) + delay * velocity
+
+
+@pytest.mark.parametrize("kind", ["position", "velocity"])
+def test_jacobian_of_place_and_delay_against_central_differences(moving_state, kind):
+    measured = np.array([1.0, 2.0, 3.0])
+    rate = rate_over_earth(moving_state.C_eb, OMEGA)
+    point = dataclasses.replace(POINT, rate_b=rate)
+    make = measurements.position if kind == "position" else measurements.velocity
+    m = make(moving_state, 19, measured, np.eye(3), point, OMEGA)
+    numeric = central_differences(lambda x: late(kind, moving_state, x), 19)
+    np.testing.assert_allclose(m.H, numeric, atol=5e-7)
+    np.testing.assert_allclose(m.z, measured - late(kind, moving_state, np.zeros(19)))
+
+
+def test_range_rates_know_the_antenna_as_a_velocity_does(moving_state):
+    (e_e, sigma), z = satellites(5), np.array([4.0, -2.0, 7.0, 0.5, -9.0])
+    whole = measurements.velocity(moving_state, 20, np.zeros(3), np.eye(3), POINT, OMEGA)
+    rows = measurements.range_rates(moving_state, 20, e_e, z, sigma, POINT, OMEGA, 19, 3.0)
+    along = e_e @ whole.H / sigma[:, None]
+    along[:, 19] = -1.0 / sigma
+    np.testing.assert_allclose(rows.H, along, atol=1e-12)
+    expected = (z + e_e @ whole.z + 3.0) / sigma
+    np.testing.assert_allclose(rows.z, expected, atol=1e-9)
 
 
 def test_lever_arm_velocity_on_a_circle(moving_state):

@@ -10,7 +10,7 @@ import numpy as np
 from ....alignment.levelling import InitialAttitude
 from ....datasets.sequence import Calibration
 from ....filters.ekf import ErrorStateFilter
-from ....filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, VEL, ErrorModel
+from ....filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
 from ....filters.rotation import FloatArray
 from ....filters.strapdown import InertialStream, NavState
 from ...config import FilterConfig
@@ -72,9 +72,9 @@ def start_filter(
 ) -> ErrorStateFilter:
     """Hand the start to the filter."""
     attitude = start.attitude
-    pos_cov = start.pos_cov_e + np.eye(3) * calibration.lever_antenna_sigma**2
     att_cov_b = attitude.C_eb.T @ attitude.cov_e @ attitude.C_eb
-    P = model.initial_covariance(pos_cov, start.vel_cov_e, att_cov_b)
+    P = model.initial_covariance(start.pos_cov_e, start.vel_cov_e, att_cov_b)
+    _position_by_antenna(P, model, start.state.C_eb, start.state.vel_e)
     if start.joint_cov is not None:
         filled = np.r_[ATT, VEL, GYRO_BIAS, ACCEL_BIAS]
         P[np.ix_(filled, filled)] = start.joint_cov
@@ -88,6 +88,22 @@ def start_filter(
         model, stream, start.state, P, interval, attitude.gyro_bias, config.smooth,
         accel_bias=start.accel_bias,
     )  # fmt: skip
+
+
+def _position_by_antenna(
+    P: FloatArray, model: ErrorModel, C_eb: FloatArray, vel_e: FloatArray
+) -> None:
+    """Add what an uncertain lever and delay do to a position taken from the antenna's, in place.
+
+    p = p_a − C l − v δ.
+    """
+    for index, derivative in ((model.antenna, -C_eb), (model.delay, -vel_e[:, None])):
+        if index is None:
+            continue
+        part = np.atleast_1d(np.arange(model.size)[index])
+        across = derivative @ P[np.ix_(part, part)]
+        P[POS, POS] += across @ derivative.T
+        P[POS, part], P[part, POS] = across, across.T
 
 
 def _heading_by_course(P: FloatArray, model: ErrorModel, C_bv: FloatArray) -> None:

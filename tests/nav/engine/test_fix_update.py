@@ -7,6 +7,7 @@ import pytest
 
 from certnav.filters.earth import OMEGA_IE_E
 from certnav.filters.error_model import POS, VEL
+from certnav.filters.levers import AntennaPrior
 from certnav.nav.config import FilterConfig
 from certnav.nav.engine.events import GnssEvent
 from certnav.nav.engine.fix_update import ENLARGED, FixUpdates, logged
@@ -36,8 +37,8 @@ def kalman():
     return rigs.filter_at_rest()
 
 
-def updates(kalman, lever=(0.0, 0.0, 0.0), sigma=0.0, config=CONFIG):
-    return FixUpdates(kalman, rigs.calibration(lever, sigma), config)
+def updates(kalman, lever=(0.0, 0.0, 0.0), config=CONFIG):
+    return FixUpdates(kalman, rigs.calibration(lever), config)
 
 
 def moved(kalman):
@@ -106,17 +107,19 @@ def test_a_position_that_is_no_number_is_refused(kalman):
     assert np.isfinite(kalman.pos_e).all()
 
 
-def test_the_lever_arm_is_as_well_known_as_it_is(kalman):
+def test_the_lever_arm_is_as_well_known_as_it_is():
     """σ 3 m adds 9 m² on every axis, and the antenna is where the lever puts it."""
-    made = updates(kalman, LEVER, sigma=3.0)
+    kalman = rigs.filter_at_rest(gnss_antenna=AntennaPrior(sigma_lever=3.0))
+    made, before = updates(kalman, LEVER), kalman.P.copy()
     antenna = kalman.pos_e + kalman.C_eb @ LEVER
-    kalman.P[:] = np.diag(np.diag(kalman.P))
-    kalman.P[6:9, 6:9] = 0.0
+    before[6:9, 6:9] = 0.0
     for axis in range(3):
+        kalman.P, kalman.pos_e[:], kalman.antenna.lever_b = before.copy(), rigs.PLACE, np.zeros(3)
         event = GnssEvent(0.0, "position", antenna + 3.0 * np.eye(3)[axis], np.eye(3))
         assert made.offer(event, False).nis == pytest.approx(9.0 / 11.0)
-        kalman.P[0:3, 0:3] = np.eye(3)
-        kalman.pos_e[:] = rigs.PLACE
+        # Nine parts of eleven are the lever's.
+        correction = kalman.C_eb @ kalman.antenna.lever_b
+        np.testing.assert_allclose(correction, 27.0 / 11.0 * np.eye(3)[axis], atol=1e-3)
 
 
 def test_a_velocity_is_the_antennas(kalman):
@@ -150,8 +153,8 @@ def test_a_shared_position_is_measured_with_its_shared_error():
     So said with the lever's own doubt, which is not shared: 0.2 + σ².
     """
     for sigma, variance in ((0.0, 0.2), (3.0, 9.2)):
-        kalman = rigs.filter_at_rest(fix_correlation=10.0)
-        update = updates(kalman, sigma=sigma).offer(position(0.5, shared=True), False)
+        kalman = rigs.filter_at_rest(fix_correlation=10.0, gnss_antenna=AntennaPrior(sigma))
+        update = updates(kalman).offer(position(0.5, shared=True), False)
         assert update.nis == pytest.approx(0.25 / variance)
 
 

@@ -1,10 +1,13 @@
 """What a start knows becomes the filter's state and covariance, in the filter's axes."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from certnav.alignment.levelling import InitialAttitude
 from certnav.filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
+from certnav.filters.levers import AntennaPrior
 from certnav.filters.rotation import matrix_from_rpy
 from certnav.filters.strapdown import NavState
 from certnav.nav.config import FilterConfig
@@ -26,9 +29,8 @@ def start(sigma_gyro_bias=None, method="level+course", **more):
     return Start(attitude, state, *cov, **more)
 
 
-def filter_of(start, sigma_lever=0.0, **config):
-    calibration = rigs.calibration(sigma=sigma_lever)
-    return start_filter(start, STREAM, calibration, MODEL, FilterConfig(**config))
+def filter_of(start, model=MODEL, **config):
+    return start_filter(start, STREAM, rigs.calibration(), model, FilterConfig(**config))
 
 
 def test_the_attitudes_covariance_is_turned_into_body_axes():
@@ -42,8 +44,16 @@ def test_the_attitudes_covariance_is_turned_into_body_axes():
 
 
 def test_a_lever_arm_that_is_not_known_is_a_position_that_is_not():
-    kalman = filter_of(start(), sigma_lever=3.0)
-    np.testing.assert_allclose(kalman.P[POS, POS], np.diag([13.0, 14.0, 15.0]))
+    """And so is a time: with the lever known the position is as good as the antenna's."""
+    prior = AntennaPrior(sigma_lever=3.0, sigma_delay=0.1)
+    kalman = filter_of(start(), dataclasses.replace(MODEL, gnss_antenna=prior))
+    fix, v = np.diag([4.0, 5.0, 6.0]), kalman.vel_e
+    late = 0.01 * np.outer(v, v)
+    np.testing.assert_allclose(kalman.P[POS, POS], fix + 9.0 * np.eye(3) + late)
+    states = np.r_[kalman.model.antenna, kalman.model.delay]
+    across = kalman.P[POS][:, states]
+    known = kalman.P[POS, POS] - across @ np.linalg.inv(kalman.P[np.ix_(states, states)]) @ across.T
+    np.testing.assert_allclose(known, fix, atol=1e-12)
 
 
 def test_a_standstill_tells_the_gyro_bias_else_its_turn_on_spread_holds():
