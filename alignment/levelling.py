@@ -386,10 +386,9 @@ def _level_in_motion(
         raise AlignmentError("cannot level in motion: less than 1 s of IMU data with GNSS velocity")
     C_en = C_en_of(track.pos_e[k])
     dt = np.diff(stream.edges)[samples]
-    C, C_wb = np.eye(3), []
-    for rate, step in zip(stream.gyro[samples], dt, strict=True):
-        C_wb.append(C)
-        C = C @ matrix_from_rotvec(rate * step)
+    C_wb = [np.eye(3)]
+    for turn in matrix_from_rotvec(stream.gyro[samples] * dt[:, None])[:-1]:
+        C_wb.append(C_wb[-1] @ turn)
     at_k = int(np.searchsorted(stream.edges[samples], track.time[k])) - 1
     C_bw = C_wb[max(min(at_k, len(C_wb) - 1), 0)].T
     dv_w = np.einsum("kij,kj,k->i", np.array(C_wb), stream.accel[samples], dt)

@@ -204,7 +204,7 @@ class Solved:
     def _others(self) -> FloatArray:
         """The unknowns as a function of x, shape (m, 10)."""
         m, inverse = self._m, np.eye(self._m)
-        kernels.forward_substitute(self.triangle[:m, :m], inverse)
+        kernels.forward_substitute(np.ascontiguousarray(self.triangle[:m, :m]), inverse)
         return -(inverse @ self.triangle[:m, m:])
 
     @cached_property

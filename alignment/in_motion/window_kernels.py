@@ -54,7 +54,7 @@ def fold(R, M, rows):
 @njit(cache=True)
 def _reduced(a, b, keep, e, z, sigma, M, small):
     """small ← the triangle of the rows a … b − 1 that are kept; return how many these are."""
-    k = 0
+    k = np.int64(0)  # of 0 itself numba would make a kernel of its own
     for r in range(a, b):
         if keep[r]:
             M[0, k], M[4, k] = -1.0 / sigma[r], -z[r] / sigma[r]
