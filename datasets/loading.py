@@ -78,6 +78,7 @@ FORMATS: dict[str, Format] = {
     "rtklibexplorer": Format(
         "formats.rtklibexplorer", "rtklibexplorer", "imu_*.csv with gnss_*.pos"
     ),
+    "tumsat": Format("formats.tumsat", "tumsat", "GNSSTCData*.mat with IMUData*.mat"),
     "spirent": Format("formats.instinct", "spirent", "Rover-*_MO_*.obs with *_PVA_*.csv"),
 }
 
@@ -159,8 +160,9 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
         One of `formats`; default: recognised by the folder's contents, and said in the notes.
     **options
         The reader's own; see `GreatOptions`, `read_smartloc`, `read_kfgins`, `read_comma2k19`,
-        `read_oakville`, `read_rtklibexplorer`, `datasets.formats.instinct.read_spirent`. A
-        declaration takes none: everything is in the file.
+        `read_oakville`, `read_rtklibexplorer`, `read_tumsat`,
+        `datasets.formats.instinct.read_spirent`. A declaration takes none: everything is in the
+        file.
 
     Raises
     ------
