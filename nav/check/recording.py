@@ -166,15 +166,17 @@ def _imu(sequence: Sequence, found: Tracks, kind: str) -> Iterator[Finding]:
     expected = timing.expected_lags(sequence)
     offset = timing.time_offset(imu, found.gnss, distance, expected=expected)
     yield from timing.offset_findings(offset, "GNSS", expected)
+    as_read = imu
     if offset is not None and offset.significant:
         imu = imu.shifted(-offset.lag)
+    turning = imu if offset is None or offset.of_gyro is None else as_read.shifted(-offset.of_gyro)
     track = _judge(found, offset)
     if track is None:
         cannot = "units and axes cannot be told: no Doppler, no reference, only rough positions"
         yield Finding("note", "IMU axes", cannot)
         return
     if VEHICLES[kind].holds_course:
-        for finding in (*axes.gyro(imu, track), *axes.accelerometer(imu, track)):
+        for finding in (*axes.gyro(turning, track), *axes.accelerometer(imu, track)):
             yield _with_kinds(finding, kind)
     else:
         words = f"not tested against the course, which is not the heading of {VEHICLES[kind].words}"
