@@ -44,10 +44,15 @@ class Format:
     @property
     def options(self) -> tuple[str, ...]:
         """Names of the options the reader takes."""
+        return tuple(self.defaults)
+
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """What the options are where they are not given."""
         if self.takes:
-            return tuple(f.name for f in dataclasses.fields(self._attribute(self.takes)))
+            return {f.name: f.default for f in dataclasses.fields(self._attribute(self.takes))}
         parameters = inspect.signature(self._attribute(f"read_{self.name}")).parameters.values()
-        return tuple(p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY)
+        return {p.name: p.default for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY}
 
     def read(self, path: str | Path, **options: Any) -> Sequence:
         """From a folder to a `Sequence`."""

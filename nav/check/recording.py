@@ -79,6 +79,7 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None, kind: str 
         What cannot be read is a fatal finding, not an exception.
     """
     from ...datasets.loading import load
+    from .declarations import with_declarations
     from .mounting import mounting_findings  # slow to import, and a run does without
 
     try:
@@ -94,6 +95,7 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None, kind: str 
     doubted = any(f.severity != "note" and f.subject in _NEEDED_BY_MOUNTING for f in found)
     if VEHICLES[kind].holds_course and not doubted:
         found += mounting_findings(sequence)
+    found = with_declarations(found, sequence, path, options or {})
     return Report(str(path), contents(sequence), in_order(found))
 
 

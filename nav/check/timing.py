@@ -22,6 +22,8 @@ from .motion import COURSE_SPEED, Inertial, increments
 
 #: Offsets below are neither told from filter delays inside receivers nor worth a doubt [s].
 LAG_TOLERANCE = 0.04
+#: From here on a difference is measured and not chance, in its σ.
+SIGNIFICANT = 3.0
 #: From here on a position is metres off: not navigable [s].
 LAG_FATAL = 0.5
 #: Distance between antenna and rear axle, and what remains unknown of a lever arm [m].
@@ -50,7 +52,7 @@ class Offset:
     @property
     def significant(self) -> bool:
         """Whether the offset is beyond its uncertainty and what receivers do to time."""
-        return abs(self.lag) > LAG_TOLERANCE + 3.0 * self.sigma
+        return abs(self.lag) > LAG_TOLERANCE + SIGNIFICANT * self.sigma
 
     @property
     def of_gyro(self) -> float | None:
@@ -141,14 +143,11 @@ def offset_findings(
     size, late = abs(offset.lag), "late" if offset.lag > 0 else "early"
     evidence, numbers = offset.words, offset.numbers
     if not offset.significant:
-        return [
-            Finding(
-                "note",
-                subject,
-                f"agree to {offset.lag:+.3f} ± {offset.sigma:.3f} s ({evidence})",
-                numbers=numbers,
-            )
-        ]
+        if size > SIGNIFICANT * offset.sigma:
+            found = f"the IMU's stamps are {size:.3f} ± {offset.sigma:.3f} s {late} ({evidence})"
+            return [Finding("note", subject, found, numbers=numbers)]
+        found = f"agree to {offset.lag:+.3f} ± {offset.sigma:.3f} s ({evidence})"
+        return [Finding("note", subject, found, numbers=numbers)]
     found = f"the IMU's stamps are {size:.2f} ± {offset.sigma:.2f} s {late} ({evidence})"
     change = ("subtract", "from") if offset.lag > 0 else ("add", "to")
     remedy = f"{change[0]} {size:.2f} s {change[1]} the IMU's time"
