@@ -13,6 +13,7 @@
     axes             axes of a sensor by name
     gpstime,         GPS seconds from and to calendars; time scales of files
     time_scales
+    allan            noise of an IMU from a log at rest, and presets as files
     imu_faults       inertial axes that are frozen or clipped
     fix_faults       fixes that are none, or repeated in motion
     cache            what is read once and kept

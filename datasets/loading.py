@@ -44,10 +44,15 @@ class Format:
     @property
     def options(self) -> tuple[str, ...]:
         """Names of the options the reader takes."""
+        return tuple(self.defaults)
+
+    @property
+    def defaults(self) -> dict[str, Any]:
+        """What the options are where they are not given."""
         if self.takes:
-            return tuple(f.name for f in dataclasses.fields(self._attribute(self.takes)))
+            return {f.name: f.default for f in dataclasses.fields(self._attribute(self.takes))}
         parameters = inspect.signature(self._attribute(f"read_{self.name}")).parameters.values()
-        return tuple(p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY)
+        return {p.name: p.default for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY}
 
     def read(self, path: str | Path, **options: Any) -> Sequence:
         """From a folder to a `Sequence`."""
@@ -78,6 +83,7 @@ FORMATS: dict[str, Format] = {
     "rtklibexplorer": Format(
         "formats.rtklibexplorer", "rtklibexplorer", "imu_*.csv with gnss_*.pos"
     ),
+    "tumsat": Format("formats.tumsat", "tumsat", "GNSSTCData*.mat with IMUData*.mat"),
     "spirent": Format("formats.instinct", "spirent", "Rover-*_MO_*.obs with *_PVA_*.csv"),
 }
 
@@ -159,8 +165,9 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
         One of `formats`; default: recognised by the folder's contents, and said in the notes.
     **options
         The reader's own; see `GreatOptions`, `read_smartloc`, `read_kfgins`, `read_comma2k19`,
-        `read_oakville`, `read_rtklibexplorer`, `datasets.formats.instinct.read_spirent`. A
-        declaration takes none: everything is in the file.
+        `read_oakville`, `read_rtklibexplorer`, `read_tumsat`,
+        `datasets.formats.instinct.read_spirent`. A declaration takes none: everything is in the
+        file.
 
     Raises
     ------

@@ -84,7 +84,7 @@ class TurnRatio:
     ratio : float
         Slope of the integrated yaw rate against the change of course; NaN without turns.
     sigma : float
-        1σ of the slope.
+        1σ of the slope, with what noise of the course and a lag between the two leave open.
     turned : float
         Sum of the turning it rests on [rad].
     """
@@ -182,9 +182,15 @@ def _increments(course: FloatArray, step: int) -> FloatArray:
 def _robust_slope(x: FloatArray, y: FloatArray, overlap: float) -> TurnRatio:
     """Fit y = a + b·x without the outliers that reversing puts into the course.
 
+    The course x is noisy and may lead or lag, the gyro's y is clean over some seconds: noise makes
+    sd(y)/sd(x) too small, whatever the lag, and a lag makes var(y)/cov(x, y) too large, whatever
+    the noise. The slope lies between the two: σ counts it as anywhere there. (Least squares of y
+    on x suffers from both, and is below either.)
+
     The start is a weighted median of the slopes towards the centre, which an outlier in x cannot
-    move. What is then off by more than 4 robust σ and a fifth of the turn itself is left out of
-    the least squares; σ alone is that of the straights, and would leave out the turns.
+    move. What is then off by more than 4 robust σ and a fifth of the turn that the gyro tells is
+    left out: σ alone is that of the straights, and would leave out the turns, and a course that
+    jumps tells of turns that are none.
     """
     from_centre = x - np.median(x)
     weight = np.abs(from_centre)
@@ -198,16 +204,19 @@ def _robust_slope(x: FloatArray, y: FloatArray, overlap: float) -> TurnRatio:
     residual = y - b * x
     residual = residual - np.median(residual)
     scale = 1.4826 * float(np.median(np.abs(residual)))
-    keep = np.abs(residual) <= 4.0 * scale + 0.2 * np.abs(b * x) + 1e-9 * (1.0 + np.abs(y).max())
+    told = np.abs(y - np.median(y))
+    keep = np.abs(residual) <= 4.0 * scale + 0.2 * told + 1e-9 * (1.0 + np.abs(y).max())
     x, y = x[keep], y[keep]
     turned = float(np.abs(x).sum() / overlap)
-    spread = x - x.mean()
-    energy = float(spread @ spread)
-    if x.size < 4 or energy == 0.0:
+    x, y = x - x.mean(), y - y.mean()
+    xx, xy, yy = float(x @ x), float(x @ y), float(y @ y)
+    if x.size < 4 or xx == 0.0 or xy == 0.0:
         return TurnRatio(np.nan, np.inf, turned)
-    b = float(spread @ (y - y.mean())) / energy
-    residual = y - y.mean() - b * spread
-    return TurnRatio(b, float(np.sqrt(residual @ residual / (x.size - 2) / energy)), turned)
+    least, most = float(np.copysign(np.sqrt(yy / xx), xy)), yy / xy
+    residual = x - xy / yy * y
+    chance = abs(most) * np.sqrt(float(residual @ residual) / (x.size - 2) / yy) * abs(most)
+    between = abs(most - least) / np.sqrt(12.0)  # of what is anywhere between them
+    return TurnRatio(0.5 * (least + most), float(np.hypot(chance, between)), turned)
 
 
 def decide_gyro_unit(ratio: TurnRatio, *, file: str | Path) -> tuple[str, str]:

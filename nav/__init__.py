@@ -4,7 +4,7 @@
     solution, notes             what it returns, what it tells
     installation                how the IMU sits in the vehicle
     pipeline, navigator         a whole recording; a live vehicle
-    vehicles                    what kinds of vehicles can do
+    vehicles, rest              what kinds of vehicles can do; when a log stands
     rejections                  carried fixes that are not used, in words
     sweep                       much at once: threads, processes, a cluster
 

@@ -97,7 +97,8 @@ class FilterConfig:
     bias_model : {'random-walk', 'gauss-markov'}
         See `filters.error_model`.
     imu : str
-        IMU preset that replaces the one the sequence declares; '' keeps it.
+        IMU preset that replaces the one the sequence declares, by name or as a file (``*.toml``,
+        as ``certnav allan`` writes it); '' keeps it.
     gate_probability : float
         Probability with which a correct measurement is refused; 0 switches the gates off.
     gate_width : float
@@ -125,7 +126,7 @@ class FilterConfig:
         if self.states not in (15, 21):
             raise ConfigError(f"filter.states: expected 15 or 21, found {self.states}")
         _choice("filter.bias_model", self.bias_model, ("random-walk", "gauss-markov"))
-        if self.imu and self.imu not in PRESETS:
+        if self.imu and not self.imu.endswith(".toml") and self.imu not in PRESETS:
             raise ConfigError.unknown_key(self.imu, PRESETS, where="filter.imu")
         if not 0.0 <= self.gate_probability < 1.0:
             raise ConfigError(

@@ -31,7 +31,7 @@ NAV = (
     ("evaluation",),
     ("navigator", "pipeline"),
     ("engine",),
-    ("_frames", "config_files", "rejections", "solution", "sweep"),
+    ("_frames", "config_files", "rejections", "rest", "solution", "sweep"),
     ("config", "installation", "notes"),
     ("vehicles",),
 )

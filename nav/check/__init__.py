@@ -11,6 +11,7 @@
     timing       the IMU's clock against that motion
     axes         axes, signs and units against it
     mounting     yaw and pitch of the IMU in the vehicle, measured
+    declarations what was measured other than declared, as lines to paste
     lag          the time between two motions, whatever their axes
     reference    the reference against everything else
 

@@ -16,6 +16,7 @@ _HEADINGS = {
     "doubtful": "Doubtful",
     "note": "Found in order, or not testable here",
 }
+_MEASURED = "Measured, and other than declared: lines to paste"
 _WIDTH = 96
 
 
@@ -34,6 +35,8 @@ class Finding:
         What to declare or do; '' when nothing.
     numbers : mapping of str to float
         The figures, for programs; units are in the names.
+    declare : str
+        Lines of TOML that declare what was measured; '' when it is what is declared already.
     """
 
     severity: str
@@ -41,6 +44,7 @@ class Finding:
     found: str
     remedy: str = ""
     numbers: Mapping[str, float] = field(default_factory=dict)
+    declare: str = ""
 
     def __post_init__(self) -> None:
         if self.severity not in SEVERITIES:
@@ -59,6 +63,7 @@ class Finding:
             "found": self.found,
             "remedy": self.remedy,
             "numbers": {k: _strict(v) for k, v in self.numbers.items()},
+            "declare": self.declare,
         }
 
 
@@ -108,14 +113,24 @@ class Report:
         if self.contents:
             lines += ["Contents", *_items(self.contents), ""]
         for severity in SEVERITIES:
-            found = self.of(severity)
+            found = [f for f in self.of(severity) if severity != "note" or not f.declare]
             if found:
                 lines += [_HEADINGS[severity], *_items(f"{f.subject}: {f.found}" for f in found)]
                 lines.append("")
+        lines += self._measured()
         declare = [f"{f.subject}: {f.remedy}" for f in self.findings if f.remedy]
         if declare:
             lines += ["To declare or to do", *_items(declare), ""]
         return "\n".join(lines)
+
+    def _measured(self) -> list[str]:
+        """Return what was measured other than declared, each with the lines to paste."""
+        lines = []
+        for f in self.findings:
+            if f.declare:
+                said = f.subject if f.severity != "note" else f"{f.subject}: {f.found}"
+                lines += _items([said]) + [f"      {line}" for line in f.declare.splitlines()]
+        return [_MEASURED, *lines, ""] if lines else []
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report in types of strict JSON."""

@@ -26,7 +26,9 @@ _GRAVITY_FATAL = 0.6
 #: Axes that freeze within this time are one fault [s].
 _FROZEN = 0.5
 _FROZEN_FATAL = 0.2  # share of the recording
-_NOISE_FACTOR = 10.0
+#: Noise at rest so many times that of the preset is said, and doubted, up and down: what an idling
+#: engine shakes is noise, too. While driving the road is in it, which says nothing of the sensor.
+_NOISE_OFF, _NOISE_FACTOR = 2.0, 10.0
 #: Scatter of the sample interval, relative to it, that only a logger's clock shows.
 _JITTER = 0.2
 #: No inertial sensor waits so long [s].
@@ -276,8 +278,11 @@ def noise(
             f"{density * scale:.3g}"
         )
         severity, remedy = "note", ""
+        if not 1.0 / _NOISE_OFF <= ratio <= _NOISE_OFF:
+            found += f": off by a factor {max(ratio, 1.0 / ratio if ratio else np.inf):.1f}"
+            remedy = "declare another IMU preset: certnav allan makes one from a log at rest"
         if ratio > _NOISE_FACTOR:
-            severity, remedy = "doubtful", "declare another IMU preset, or the engine shakes it"
+            severity, remedy = "doubtful", remedy + "; or the engine shakes it"
         elif ratio < 1.0 / _NOISE_FACTOR:
             found += " (filtered in the sensor, or a better IMU than declared)"
         numbers = {"ratio": ratio}

@@ -79,6 +79,7 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None, kind: str 
         What cannot be read is a fatal finding, not an exception.
     """
     from ...datasets.loading import load
+    from .declarations import with_declarations
     from .mounting import mounting_findings  # slow to import, and a run does without
 
     try:
@@ -94,6 +95,7 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None, kind: str 
     doubted = any(f.severity != "note" and f.subject in _NEEDED_BY_MOUNTING for f in found)
     if VEHICLES[kind].holds_course and not doubted:
         found += mounting_findings(sequence)
+    found = with_declarations(found, sequence, path, options or {})
     return Report(str(path), contents(sequence), in_order(found))
 
 
@@ -166,15 +168,17 @@ def _imu(sequence: Sequence, found: Tracks, kind: str) -> Iterator[Finding]:
     expected = timing.expected_lags(sequence)
     offset = timing.time_offset(imu, found.gnss, distance, expected=expected)
     yield from timing.offset_findings(offset, "GNSS", expected)
+    as_read = imu
     if offset is not None and offset.significant:
         imu = imu.shifted(-offset.lag)
+    turning = imu if offset is None or offset.of_gyro is None else as_read.shifted(-offset.of_gyro)
     track = _judge(found, offset)
     if track is None:
         cannot = "units and axes cannot be told: no Doppler, no reference, only rough positions"
         yield Finding("note", "IMU axes", cannot)
         return
     if VEHICLES[kind].holds_course:
-        for finding in (*axes.gyro(imu, track), *axes.accelerometer(imu, track)):
+        for finding in (*axes.gyro(turning, track), *axes.accelerometer(imu, track)):
             yield _with_kinds(finding, kind)
     else:
         words = f"not tested against the course, which is not the heading of {VEHICLES[kind].words}"

@@ -1,7 +1,9 @@
 """The IMU's clock against the motion GNSS sees, whatever the axes are (`nav.check.lag`).
 
 Time is taken out before axes are judged: so one fault makes one finding. The course leads the
-heading (`nav.check.motion`), which is a limit of the gyro as a clock and not a fault.
+heading (`nav.check.motion`), which is a limit of the gyro as a clock and not a fault. Accelerometer
+and gyro may have delays of their own: what was measured from which is kept apart, and the gyro is
+held against the course at the lag its own turns show.
 """
 
 from __future__ import annotations
@@ -20,10 +22,16 @@ from .motion import COURSE_SPEED, Inertial, increments
 
 #: Offsets below are neither told from filter delays inside receivers nor worth a doubt [s].
 LAG_TOLERANCE = 0.04
+#: From here on a difference is measured and not chance, in its σ.
+SIGNIFICANT = 3.0
 #: From here on a position is metres off: not navigable [s].
 LAG_FATAL = 0.5
 #: Distance between antenna and rear axle, and what remains unknown of a lever arm [m].
 _AXLE, _LEVER = 2.0, 0.3
+#: A gyro's own lag is used where it is known so well: what is left of it is well below the
+#: seconds over which a turn is compared [s].
+_SURE = 0.1
+_ACCELEROMETER, _GYRO = ("speed", "cornering"), ("turn rate",)
 
 
 @dataclass(frozen=True)
@@ -44,7 +52,37 @@ class Offset:
     @property
     def significant(self) -> bool:
         """Whether the offset is beyond its uncertainty and what receivers do to time."""
-        return abs(self.lag) > LAG_TOLERANCE + 3.0 * self.sigma
+        return abs(self.lag) > LAG_TOLERANCE + SIGNIFICANT * self.sigma
+
+    @property
+    def of_gyro(self) -> float | None:
+        """The lag of turns against the course [s], with what the course leads; None if unsure."""
+        turns = self._of(_GYRO)
+        return turns[0][1].lag if turns and turns[0][1].sigma < _SURE else None
+
+    @property
+    def words(self) -> str:
+        """What was measured from which sensor, without what is systematic in it."""
+        parts = []
+        for sensor, motions in (("accelerometer", _ACCELEROMETER), ("gyro", _GYRO)):
+            found = [
+                f"{what} {lag.lag:+.2f} ± {lag.sigma:.2f} s" for what, lag in self._of(motions)
+            ]
+            if found:
+                parts.append(f"{sensor}: {', '.join(found)}")
+        return "; ".join(parts)
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Everything for programs."""
+        out = {"offset_s": self.lag, "offset_sigma_s": self.sigma}
+        for what, lag in self.evidence:
+            key = what.replace(" ", "_")
+            out |= {f"{key}_lag_s": lag.lag, f"{key}_lag_sigma_s": lag.sigma}
+        return out
+
+    def _of(self, motions: tuple[str, ...]) -> list[tuple[str, Lag]]:
+        return [item for item in self.evidence if item[0] in motions]
 
 
 def time_offset(
@@ -103,17 +141,13 @@ def offset_findings(
             )
         ]
     size, late = abs(offset.lag), "late" if offset.lag > 0 else "early"
-    evidence = ", ".join(f"{what} {lag.lag:+.2f} s" for what, lag in offset.evidence)
-    numbers = {"offset_s": offset.lag, "offset_sigma_s": offset.sigma}
+    evidence, numbers = offset.words, offset.numbers
     if not offset.significant:
-        return [
-            Finding(
-                "note",
-                subject,
-                f"agree to {offset.lag:+.3f} ± {offset.sigma:.3f} s ({evidence})",
-                numbers=numbers,
-            )
-        ]
+        if size > SIGNIFICANT * offset.sigma:
+            found = f"the IMU's stamps are {size:.3f} ± {offset.sigma:.3f} s {late} ({evidence})"
+            return [Finding("note", subject, found, numbers=numbers)]
+        found = f"agree to {offset.lag:+.3f} ± {offset.sigma:.3f} s ({evidence})"
+        return [Finding("note", subject, found, numbers=numbers)]
     found = f"the IMU's stamps are {size:.2f} ± {offset.sigma:.2f} s {late} ({evidence})"
     change = ("subtract", "from") if offset.lag > 0 else ("add", "to")
     remedy = f"{change[0]} {size:.2f} s {change[1]} the IMU's time"

@@ -23,7 +23,7 @@ from .progress import QUIET
 #: In the order of ``certnav --help``.
 COMMANDS = (
     "run", "check", "declare", "datasets", "align", "verify", "tune", "compare", "report",
-    "simulate", "demo",
+    "simulate", "demo", "allan",
 )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...datasets.allan import read_preset
 from ...datasets.sequence import Calibration
 from ...filters.error_model import ErrorModel
 from ...filters.levers import AntennaPrior, VehiclePrior
@@ -17,6 +18,8 @@ UNKNOWN = VehiclePrior(sigma_mounting=float(np.radians(5.0)), sigma_wheel=2.0)
 
 def imu_spec(calibration: Calibration, config: FilterConfig) -> ImuSpec:
     """Return the IMU that is configured, else the one the recording declares."""
+    if config.imu.endswith(".toml"):
+        return read_preset(config.imu)
     return imu_preset(config.imu) if config.imu else calibration.imu
 
 

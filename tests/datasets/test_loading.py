@@ -18,6 +18,7 @@ REAL = {
     "rtklibexplorer-drive": "rtklibexplorer",
     "oakville-drives/urban-medium-turn-loop-nominal-001": "oakville",
     "instinct/spirent_dynamic": "spirent",
+    "tumsat-tsukishima": "tumsat",
 }
 
 
@@ -42,6 +43,7 @@ def touch(root: Path, *names: str) -> Path:
         (["processed_log/IMU/gyro/t", "global_pose/frame_times"], "comma2k19"),
         (["imu.csv.gz", "gnss.csv"], "oakville"),
         (["imu_1.csv", "gnss_1.pos"], "rtklibexplorer"),
+        (["GNSSTCData_GQ.mat", "IMUData1105.mat"], "tumsat"),
     ],
 )
 def test_recognised_by_content(tmp_path, names, expected):

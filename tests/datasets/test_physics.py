@@ -61,6 +61,22 @@ def test_slope_scale_error_beyond_ten_percent_is_inconclusive():
         decide_gyro_unit(found, file="imu.txt")
 
 
+def test_noise_of_the_course_and_a_lag_are_in_the_sigma_not_in_the_slope():
+    """Reflections scatter the course by 9° and make it jump; the antenna leads by 0.2 s."""
+    late = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        t, rate, heading = weaving(n=20000, bias=0.01, noise=0.02)
+        ahead = np.interp(t[::150] + 0.2, t, heading)
+        course = ahead + 0.15 * rng.standard_normal(ahead.size)
+        course[rng.integers(0, ahead.size, 6)] += 1.0
+        found = gyro_unit_ratio(t, rate, t[::150], wrap(course))
+        assert 0.0 < found.sigma < 0.1
+        late.append((found.ratio - 1.0) / found.sigma)
+    assert np.mean(np.abs(late) < 2.0) >= 0.9
+    assert abs(np.mean(late)) < 1.0
+
+
 def test_straight_road_is_inconclusive():
     t = np.arange(0.0, 60.0, 0.01)
     rng = np.random.default_rng(3)

@@ -155,3 +155,20 @@ def test_noise_is_measured_in_the_datasheet_unit():
     data = imu(sigma=20.0 * sigma)
     found = {f.subject: f for f in noise(data, spec, windows(data), at_rest(data))}
     assert found["accelerometer noise"].severity == "doubtful"
+
+
+@pytest.mark.parametrize(("factor", "says"), [(1.0, False), (1.7, False), (3.0, True), (0.3, True)])
+def test_noise_off_by_more_than_two_is_said_and_not_doubted(factor, says):
+    rng, spec = np.random.default_rng(7), imu_preset("consumer")
+    n, dt = 3000, 0.02
+    gyro = factor * spec.gyro_noise_density / np.sqrt(dt) * rng.standard_normal((n, 3))
+    accel = spec.accel_noise_density / np.sqrt(dt) * rng.standard_normal((n, 3))
+    data = ImuData(dt * np.arange(1, n + 1), gyro, accel - np.array([0.0, 0.0, 9.8]))
+    every = [slice(k, k + 50) for k in range(0, n, 50)]
+    found = noise(data, spec, every, np.ones(len(every), dtype=bool))
+    of_gyro, of_accel = (f for f in found if f.subject.endswith("noise"))
+    assert of_gyro.severity == of_accel.severity == "note"
+    assert of_gyro.numbers["ratio"] == pytest.approx(factor, rel=0.05)
+    assert ("off by a factor " in of_gyro.found) is says
+    assert ("certnav allan" in of_gyro.remedy) is says
+    assert not of_accel.remedy

@@ -6,9 +6,11 @@ are one or two of each kind.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from certnav.datasets.loading import load
@@ -94,6 +96,25 @@ def test_offset_has_the_sign_of_late_stamps(work, late, sign):
     assert line.severity == "doubtful"
     assert line.numbers["offset_s"] == pytest.approx(late, abs=0.05)
     assert ("late" if sign > 0 else "early") in line.found
+
+
+def test_lags_of_gyro_and_accelerometer_are_kept_apart(work):
+    """A gyro 0.27 s behind its accelerometer: said, and no fault of its scale."""
+    sequence = load(work / "base")
+    imu = sequence.imu
+    slow = np.column_stack([np.interp(imu.time - 0.27, imu.time, g) for g in imu.gyro_b.T])
+    apart = dataclasses.replace(sequence, imu=type(imu)(imu.time, slow, imu.accel_b))
+    lines = {}
+    for name, one in (("sound", sequence), ("apart", apart)):
+        found = check_sequence(one)
+        lines[name] = next(f for f in found if f.subject == "time, IMU and GNSS")
+        (gyro,) = (f.numbers for f in found if f.subject == "gyro")
+        assert abs(gyro["yaw_over_course"] - 1.0) < 3.0 * gyro["sigma"] < 0.06
+    for key, moved in (("turn_rate_lag_s", 0.27), ("speed_lag_s", 0.0)):
+        shift = lines["apart"].numbers[key] - lines["sound"].numbers[key]
+        assert shift == pytest.approx(moved, abs=0.03)
+    assert "accelerometer: speed" in lines["apart"].found
+    assert "gyro: turn rate" in lines["apart"].found
 
 
 def test_one_fault_is_one_fatal_finding(work):

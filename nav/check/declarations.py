@@ -1,0 +1,113 @@
+"""What a check measured to be other than declared, as lines to paste into the declaration.
+
+A lag, a mounting or a lever arm beyond three of its σ is no thing found in order: a run is better
+for having it declared, and the line to do so stands beside what was measured. Where the format has
+no key for it, that is said instead.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...datasets.loading import formats, recognise
+from ...datasets.own.declaration import NAME, read_declaration
+from ...datasets.sequence import Sequence
+from ...filters.rotation import FloatArray, rpy_from_matrix, wrap_angle
+from .findings import Finding
+from .timing import SIGNIFICANT
+
+#: Files that hold declarations, and their keys: section and key of each quantity.
+_FILES = {"declared": NAME, "great": "great.toml"}
+_MOUNTING = {"declared": "[vehicle]\nmounting_rpy_deg", "great": "mounting_rpy_deg"}
+_LEVER = {"declared": "[antenna]\nlever_frd_m", "great": "lever_antenna_frd_m"}
+
+
+def with_declarations(
+    findings: Iterable[Finding], sequence: Sequence, path: str | Path, options: Mapping[str, Any]
+) -> list[Finding]:
+    """Return the findings, with the line to declare where what was measured is significant.
+
+    Parameters
+    ----------
+    findings : iterable of Finding
+    sequence : Sequence
+        As it was read, with what is declared in it.
+    path : path
+        Where from.
+    options : mapping
+        Options of the reader it was read with.
+    """
+    kind = str(options.get("format") or recognise(path))
+    makers = {"time, IMU and GNSS": _time, "mounting": _mounting, "lever arm": _lever}
+    out = []
+    for finding in findings:
+        maker = makers.get(finding.subject)
+        line = ""  # what is fatal is another fault than a wrong number
+        if maker is not None and finding.severity != "fatal":
+            line = maker(finding, sequence, path, kind, options)
+        out.append(dataclasses.replace(finding, declare=line) if line else finding)
+    return out
+
+
+def _time(
+    finding: Finding, sequence: Sequence, path: str | Path, kind: str, options: Mapping[str, Any]
+) -> str:
+    n = finding.numbers
+    if "offset_s" not in n or abs(n["offset_s"]) <= SIGNIFICANT * n["offset_sigma_s"]:
+        return ""
+    sigma = f"  # ± {n['offset_sigma_s']:.3f}"
+    if kind == "declared":
+        declared = read_declaration(path)
+        before = declared.time_scale(declared.sections["imu"]).offset
+        return f"# {NAME}\n[imu]\ntime_offset_s = {before - n['offset_s']:.3f}{sigma}"
+    defaults = formats()[kind].defaults
+    if "imu_lag" in defaults:
+        before = float(options.get("imu_lag", defaults["imu_lag"]))
+        return f"[data]\nimu_lag = {before + n['offset_s']:.3f}{sigma}"
+    verb = "subtract" if n["offset_s"] > 0.0 else "add"
+    return f"# {kind} has no key for it: {verb} {abs(n['offset_s']):.3f} s, IMU stamps"
+
+
+def _mounting(
+    finding: Finding, sequence: Sequence, path: str | Path, kind: str, options: Mapping[str, Any]
+) -> str:
+    n, declared = finding.numbers, rpy_from_matrix(sequence.calibration.C_bv.T)
+    measured = np.radians([n["pitch_deg"], n["yaw_deg"]])
+    sigma = np.radians([n["pitch_sigma_deg"], n["yaw_sigma_deg"]])
+    if (np.abs(wrap_angle(measured - declared[1:])) <= SIGNIFICANT * sigma).all():
+        return ""
+    values = np.degrees([declared[0], *measured])
+    note = f"pitch ± {n['pitch_sigma_deg']:.2f}, yaw ± {n['yaw_sigma_deg']:.2f}"
+    return _vector(_MOUNTING, kind, "roll, pitch, yaw", values, note)
+
+
+def _lever(
+    finding: Finding, sequence: Sequence, path: str | Path, kind: str, options: Mapping[str, Any]
+) -> str:
+    n, calibration, reference = finding.numbers, sequence.calibration, sequence.reference
+    # A known arm is not measured anew: what contradicts it is a doubt, and is said as one.
+    if "lever_forward_m" not in n or calibration.lever_antenna_sigma <= 0.0:
+        return ""
+    # Seen from a reference at another point, the arm is not the IMU's.
+    if reference is None or reference.point != "imu":
+        return ""
+    measured = np.array([n["lever_forward_m"], n["lever_right_m"]])
+    miss = np.abs(measured - calibration.lever_antenna_b[:2])
+    if (miss <= SIGNIFICANT * n["lever_sigma_m"]).all():
+        return ""
+    values = np.append(measured, calibration.lever_antenna_b[2])
+    return _vector(
+        _LEVER, kind, "forward, right, down", values, f"forward, right ± {n['lever_sigma_m']:.2f}"
+    )
+
+
+def _vector(keys: Mapping[str, str], kind: str, what: str, values: FloatArray, note: str) -> str:
+    text = ", ".join(f"{value:.2f}" for value in values + 0.0)
+    if kind not in keys:
+        return f"# {kind} has no key for it: {what} = [{text}]  # {note}"
+    return f"# {_FILES[kind]}\n{keys[kind]} = [{text}]  # {note}"
