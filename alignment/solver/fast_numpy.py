@@ -14,7 +14,8 @@ from .quartic import GRID, GRID_FEATURES, GRID_NEAR, NULL_GRAMS, gram, lower_tri
 #: As in `alignment.solver.kernels`.
 FIRST_STARTS, ALL_STARTS = 3, 24
 GAP = 1e-9
-MARGINS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+MARGINS = (1e-2, 1e-4, 1e-6, 1e-8)
+ENOUGH = MARGINS[-1]
 BARRIER_STEPS = 80
 SAME_COST = 1e-13
 
@@ -48,7 +49,7 @@ def solve(Q: FloatArray) -> tuple[FloatArray, float, float, FloatArray, FloatArr
                 if t > 0.0:
                     break
         if fresh and end > 1:
-            t, X, steps = largest_margin(X, MARGINS[-1], -2.0 * GAP)
+            t, X, steps = largest_margin(X, ENOUGH, -2.0 * GAP)
             barriers += steps
             fresh = False
             if t > -GAP:
@@ -65,6 +66,12 @@ def minima(Q: FloatArray, starts: int) -> tuple[FloatArray, FloatArray]:
         if all(np.sum(found[k] * found[m]) <= 2.9999 for m in kept):
             kept.append(int(k))
     return found[kept], grams[kept, 0, 0]
+
+
+def descend(Q: FloatArray, C: FloatArray) -> tuple[FloatArray, int]:
+    """Return the bottom of the basin that C lies in, and the Newton steps to it."""
+    found, _, steps = _newton(Q, C[None])
+    return found[0], steps
 
 
 def _next_starts(costs: FloatArray, number: int) -> list[int]:

@@ -15,8 +15,10 @@ import numpy as np
 from ...filters.compiled.jit import njit
 from .quartic import NULL_GRAMS
 
-#: Values of t tried on the first guess, one Cholesky factorisation each.
-MARGINS = np.array([1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12])
+#: Values of t tried on the first guess, one Cholesky factorisation each; the last is enough for
+#: uniqueness in floating point (`alignment.solver.fast_solver`), what is less is maximised first.
+MARGINS = np.array([1e-2, 1e-4, 1e-6, 1e-8])
+ENOUGH = 1e-8
 BARRIER_STEPS = 80
 
 
