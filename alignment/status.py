@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import Protocol
 
 from numpy.typing import ArrayLike
@@ -77,7 +78,7 @@ class Growth:
     scale: float
     offset: float = 0.0
 
-    @property
+    @cached_property
     def gap(self) -> float:
         """By how much another rotation may cost less, at most."""
         if self.margin > 0.0:
@@ -85,7 +86,7 @@ class Growth:
             return self.offset + min(self.slope**2 / self.margin, 2.0 * self.slope)
         return self.offset + 2.0 * self.slope - self.margin
 
-    @property
+    @cached_property
     def region(self) -> float:
         """Every rotation that costs less is within this angle [rad]; π: nothing is proved."""
         t = self.margin
@@ -96,7 +97,7 @@ class Growth:
             return math.pi
         return 2.0 * math.asin(math.sqrt(a2 / (1.0 + math.sqrt(1.0 - a2))))
 
-    @property
+    @cached_property
     def status(self) -> AlignmentStatus:
         """The word for it."""
         closed = self.gap <= RELATIVE_GAP * self.scale

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,7 +52,7 @@ class ExactCost:
         return cls(entries + entries.T, exponent + 1)
 
     def pull(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return x and Qx of an integer quaternion, both times |q|², the latter times 2**exponent."""
+        """Return x and Qx, both times |q|², the latter times 2**exponent too."""
         x = lifted(q)
         return x, self.entries @ x
 
@@ -74,7 +75,7 @@ class ExactCost:
         for _ in range(_STEPS):
             step = -inverse @ self.slope(q)
             length = float(np.linalg.norm(step))
-            if not length < min(0.5 * before, 1e-3):
+            if not length < min(0.5 * before, 0.03):
                 break
             q, before = _turned(q, step), length
         return q
@@ -103,9 +104,7 @@ def rotation_of(q: np.ndarray) -> FloatArray:
     return np.array([int(v) / int(x[9]) for v in x[:9]]).reshape(3, 3).T
 
 
-def proves(
-    cost: ExactCost, q: np.ndarray, gram: FloatArray, margin: float, offset: float
-) -> bool:
+def proves(cost: ExactCost, q: np.ndarray, gram: FloatArray, margin: float, offset: float) -> bool:
     """Return whether f(R) − f(C) ≥ margin·(1 − cos⁴(θ/2)) − offset is proved for every R.
 
     Parameters
@@ -120,8 +119,8 @@ def proves(
     """
     x, C = lifted(q), rotation_of(q)
     bits = max(cost.exponent, _FINE)
-    A = constraint_matrices()
-    doubled, toward = (2.0 * A).astype(int).astype(object), (A @ lift(C)).T
+    forms, doubled = _forms()
+    back = np.linalg.pinv((forms @ lift(C)).T, rcond=1e-12)
     # H, twice 2**bits of it, so that the halves in the forms are integers too.
     H = cost.entries << bits + 1 - cost.exponent
     H[9, 9] -= 2 * int(cost.value(q) * 2**bits)
@@ -130,7 +129,7 @@ def proves(
         H = H + np.tensordot(_scaled(found, bits), doubled, axes=1)
         whole = int(x[9]) << bits + 1
         residual = np.array([int(v) / whole for v in H @ x])
-        found = -np.linalg.lstsq(toward, residual, rcond=1e-12)[0]
+        found = -back @ residual
     room, least = (int(Fraction(v) * 2 ** (bits - 1)) for v in (offset, margin))
     unit = np.array([(int(v) << _UNIT) // int(x[9]) for v in x], dtype=object)
     H = H + (least * np.outer(unit, unit) >> 2 * _UNIT + 2)
@@ -139,6 +138,13 @@ def proves(
     for k in range(10):
         H[k, k] += room - spare - least
     return room > spare and positive_definite([[Fraction(int(v)) for v in row] for row in H])
+
+
+@lru_cache(maxsize=1)
+def _forms() -> tuple[FloatArray, np.ndarray]:
+    """Return the constraints' matrices, and twice them in integers."""
+    forms = constraint_matrices()
+    return forms, (2.0 * forms).astype(int).astype(object)
 
 
 def _integers(A: FloatArray) -> tuple[np.ndarray, int]:

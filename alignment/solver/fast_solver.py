@@ -156,7 +156,8 @@ def fast_minimum(
         cost, t, *counts = compiled_kernels().solve(scaled, C, X, slope)
     else:
         C, cost, t, X, slope, *counts = fast_numpy.solve(scaled)
-    return _proved(_Found(C, cost, t, X, slope, counts), Q, scaled, scale, factor)
+    found = _Found(C, cost, t, X, slope, counts)
+    return _proved(found, _Task(Q, scaled, scale, factor, backend))
 
 
 def proved_at(Q: ArrayLike, C: ArrayLike, *, factor: ArrayLike | None = None) -> FastMinimum:
@@ -170,8 +171,18 @@ def proved_at(Q: ArrayLike, C: ArrayLike, *, factor: ArrayLike | None = None) ->
         A rotation, however found.
     """
     scaled, scale = _scaled(Q)
-    found = fast_numpy.descend(scaled, np.asarray(C, dtype=float))
-    return _proved(_margin_at(scaled, *found), Q, scaled, scale, factor)
+    task = _Task(Q, scaled, scale, factor, None)
+    return _proved(_margin_at(task, *fast_numpy.descend(scaled, np.asarray(C, dtype=float))), task)
+
+
+class _Task(NamedTuple):
+    """A cost: as given, and with scale 1."""
+
+    Q: ArrayLike
+    scaled: FloatArray
+    scale: float
+    factor: ArrayLike | None
+    backend: str | None
 
 
 class _Found(NamedTuple):
@@ -185,23 +196,31 @@ class _Found(NamedTuple):
     counts: list[int]
 
 
-def _margin_at(scaled: FloatArray, C: FloatArray, steps: int = 0) -> _Found:
+def _margin_at(task: _Task, C: FloatArray, steps: int = 0) -> _Found:
     """Return the Gram matrix and the margin of a rotation at the bottom of its basin."""
-    X, slope = fast_numpy.smallest_gram(gram(scaled, C))
+    X, slope = fast_numpy.smallest_gram(gram(task.scaled, C))
     t, barriers = fast_numpy.quick_margin(X), 0
     if not t > 0.0:
-        t, X, barriers = fast_numpy.largest_margin(X, fast_numpy.ENOUGH, -2.0 * RELATIVE_GAP)
-    x = lift(C)
-    return _Found(C, float(x @ scaled @ x), t, X, slope, [1, steps, barriers])
+        enough, hopeless = fast_numpy.ENOUGH, -2.0 * RELATIVE_GAP
+        if chosen_backend(task.backend) == "numba":
+            t, barriers = compiled_kernels().largest_margin(X, enough, hopeless)
+        else:
+            t, X, barriers = fast_numpy.largest_margin(X, enough, hopeless)
+    return _Found(C, _cost(task.scaled, C), t, X, slope, [1, steps, barriers])
 
 
-def _proved(
-    found: _Found, Q: ArrayLike, scaled: FloatArray, scale: float, factor: ArrayLike | None
-) -> FastMinimum:
-    growth = _growth(found, scale)
+def _proved(found: _Found, task: _Task) -> FastMinimum:
+    scale, growth = task.scale, _growth(found, task.scale)
+    for search in (fast_numpy.own_bottom, fast_numpy.low_bottoms):
+        if not _doubtful(found, growth):
+            break
+        # Short of the end of a narrow valley, or in the higher of two wells.
+        C = min(search(task.scaled, found.C), key=lambda C: _cost(task.scaled, C))
+        found = _margin_at(task, C)._replace(counts=found.counts)
+        growth = _growth(found, scale)
     cost, rounding = found.cost * scale, ROUNDING * scale
-    if found.t > ZERO and growth.status is not AlignmentStatus.CERTIFIED:
-        closely = _closely(found, ExactCost.of(Q, factor), scaled, scale, factor is not None)
+    if growth.status is not AlignmentStatus.CERTIFIED and found.t > ZERO:
+        closely = _closely(found, task)
         if closely is not None:
             found, growth, cost = closely
             rounding = 0.0
@@ -209,6 +228,18 @@ def _proved(
         found.C, cost, cost - growth.gap - rounding, growth.gap, growth.margin, growth.region,
         found.X * scale, found.slope * (np.sqrt(2.0) * scale), scale, growth.status, *found.counts,
     )  # fmt: skip
+
+
+def _doubtful(found: _Found, growth: Growth) -> bool:
+    """Return whether a longer search could find a better rotation, or come nearer to this one."""
+    if growth.status is AlignmentStatus.CERTIFIED:
+        return False
+    return found.t < -ZERO or growth.slope > 2.0 * ROUNDING * growth.scale
+
+
+def _cost(scaled: FloatArray, C: FloatArray) -> float:
+    x = lift(C)
+    return float(x @ scaled @ x)
 
 
 def _growth(found: _Found, scale: float) -> Growth:
@@ -219,15 +250,14 @@ def _growth(found: _Found, scale: float) -> Growth:
     return Growth(t * scale, slope * scale, scale)
 
 
-def _closely(
-    found: _Found, exact: ExactCost, scaled: FloatArray, scale: float, reduced: bool
-) -> tuple[_Found, Growth, float] | None:
+def _closely(found: _Found, task: _Task) -> tuple[_Found, Growth, float] | None:
     """Return what integers prove; None if the margin is too small for that too.
 
     They start from a rotation that is the same to the last digit however it was found.
     """
+    scale, exact = task.scale, ExactCost.of(task.Q, task.factor)
     q = exact.refined(integer_quaternion(found.C), scale * found.X[:3, :3])
-    found = _margin_at(scaled, rotation_of(q))._replace(counts=found.counts)
+    found = _margin_at(task, rotation_of(q))._replace(counts=found.counts)
     if found.t < LEAST:
         return None
     cost, margin = float(exact.value(q)), 0.5 * found.t * scale
@@ -236,7 +266,9 @@ def _closely(
     if not proves(exact, q, scale * found.X, margin, offset):
         return None
     # A factor came from rows: what its rounding does to residuals r is 2|r|·REDUCTION·√scale.
-    slope = 2.0 * REDUCTION * math.sqrt(max(cost, 0.0) * scale) if reduced else 0.0
+    slope = 0.0
+    if task.factor is not None:
+        slope = 2.0 * REDUCTION * math.sqrt(max(cost, 0.0) * scale)
     return found, Growth(margin - slope, slope, scale, offset), cost
 
 

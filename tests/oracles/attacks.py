@@ -96,10 +96,12 @@ def rotation(q: Array) -> Array:
 
 def mirrored(C: Array, e: Array, v: Array) -> Array:
     """Return the other rotation of two satellites over planar motion: both normals reversed."""
-    across_e = np.linalg.svd(e - 0.0)[2][2]
+    across_e = np.linalg.svd(e)[2][2]
     across_v = np.linalg.svd(v)[2][2]
-    return (np.eye(3) - 2.0 * np.outer(across_e, across_e)) @ C @ (
-        np.eye(3) - 2.0 * np.outer(across_v, across_v)
+    return (
+        (np.eye(3) - 2.0 * np.outer(across_e, across_e))
+        @ C
+        @ (np.eye(3) - 2.0 * np.outer(across_v, across_v))
     )
 
 
@@ -118,16 +120,14 @@ class Costs:
         weight = 1 / np.asarray(attack.sigma, wide)
         rows = np.hstack([(v[:, :, None] * e[:, None, :]).reshape(len(z), 9), -z[:, None]])
         share = weight**2 / np.sum(weight**2)
-        self.rows = (rows - share @ rows) * weight[:, None]
-        # Orthogonal to all of it but rounding: a few Householder reflections in wide numbers.
-        self.rows = _triangle(self.rows)
+        self.rows = _triangle((rows - share @ rows) * weight[:, None])
 
     def __call__(self, C: Array) -> np.longdouble:
         """Return χ² of a rotation matrix, made orthonormal first."""
         residual = self.rows @ _lifted(_orthonormal(C))
         return residual @ residual
 
-    def wells(self, rng: np.random.Generator, extra: list[Array], starts: int = 12) -> list[Array]:
+    def wells(self, rng: np.random.Generator, extra: list[Array], starts: int = 4) -> list[Array]:
         """Return bottoms reached from `extra` rotations, their half-turns, and random ones."""
         begin = list(extra)
         for C in extra:
