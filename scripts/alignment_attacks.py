@@ -5,8 +5,8 @@
 The windows, and what rotations cost in them, are those of `tests/oracles/attacks.py`: numpy alone,
 sums over the rows in 80 bits. A certificate is false if a rotation more than a degree away from
 the certified one costs less: the truth, or a bottom reached from either, from their half-turns
-or from random starts. The first `--sdp` windows are given to the semidefinite relaxation as well, which must say
-the same. A run that ended early (`--seconds`) says with what `--first` to go on.
+or from random starts. The first `--sdp` windows are given to the semidefinite relaxation as well,
+which must say the same. A run that ended early (`--seconds`) says with what `--first` to go on.
 """
 
 from __future__ import annotations

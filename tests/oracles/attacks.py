@@ -142,7 +142,8 @@ class Costs:
         for _ in range(25):
             J = (self.rows[:, :9] @ _tangents(C)).astype(float)
             A, g = J.T @ J, J.T @ residual.astype(float)
-            step = -np.linalg.solve(A + damping * np.trace(A) * np.eye(3), g)
+            shift = damping * np.trace(A) * np.eye(3)
+            step = -np.linalg.lstsq(A + shift, g, rcond=None)[0]
             size = float(np.linalg.norm(step))
             trial = _turned(C, step * min(1.0, 0.5 / max(size, 1e-300)))
             after = self.rows @ _lifted(trial)
