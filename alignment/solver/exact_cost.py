@@ -71,7 +71,7 @@ class ExactCost:
 
     def refined(self, q: np.ndarray, hessian: FloatArray) -> np.ndarray:
         """Return the stationary point near q: to 100 bits, where the Hessian is that of a basin."""
-        inverse, before = np.linalg.inv(hessian), np.inf
+        inverse, before = np.linalg.pinv(hessian, rcond=1e-14, hermitian=True), np.inf
         for _ in range(_STEPS):
             step = -inverse @ self.slope(q)
             length = float(np.linalg.norm(step))
@@ -117,19 +117,9 @@ def proves(cost: ExactCost, q: np.ndarray, gram: FloatArray, margin: float, offs
     margin, offset : float
         In units of the cost, both positive.
     """
-    x, C = lifted(q), rotation_of(q)
-    bits = max(cost.exponent, _FINE)
-    forms, doubled = _forms()
-    back = np.linalg.pinv((forms @ lift(C)).T, rcond=1e-12)
-    # H, twice 2**bits of it, so that the halves in the forms are integers too.
-    H = cost.entries << bits + 1 - cost.exponent
-    H[9, 9] -= 2 * int(cost.value(q) * 2**bits)
-    found = multipliers_between(_floats(cost), lagrangian_of(gram, C))
-    for _ in range(_MOVES):
-        H = H + np.tensordot(_scaled(found, bits), doubled, axes=1)
-        whole = int(x[9]) << bits + 1
-        residual = np.array([int(v) / whole for v in H @ x])
-        found = -back @ residual
+    x = lifted(q)
+    found = multipliers_between(_floats(cost), lagrangian_of(gram, rotation_of(q)))
+    H, _, bits = _stationary(cost, q, found)
     room, least = (int(Fraction(v) * 2 ** (bits - 1)) for v in (offset, margin))
     unit = np.array([(int(v) << _UNIT) // int(x[9]) for v in x], dtype=object)
     H = H + (least * np.outer(unit, unit) >> 2 * _UNIT + 2)
@@ -138,6 +128,30 @@ def proves(cost: ExactCost, q: np.ndarray, gram: FloatArray, margin: float, offs
     for k in range(10):
         H[k, k] += room - spare - least
     return room > spare and positive_definite([[Fraction(int(v)) for v in row] for row in H])
+
+
+def multipliers_at(cost: ExactCost, q: np.ndarray, found: FloatArray) -> tuple[Fraction, ...]:
+    """Return multipliers moved to Hx = 0, twenty, exact as they are."""
+    _, moved, bits = _stationary(cost, q, found)
+    return tuple(Fraction(int(v), 1 << bits) for v in moved)
+
+
+def _stationary(
+    cost: ExactCost, q: np.ndarray, found: FloatArray
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return H times 2**(bits + 1), the multipliers times 2**bits, and bits; Hx = 0."""
+    x, bits = lifted(q), max(cost.exponent, _FINE)
+    forms, doubled = _forms()
+    back = np.linalg.pinv((forms @ lift(rotation_of(q))).T, rcond=1e-12)
+    H = cost.entries << bits + 1 - cost.exponent
+    H[9, 9] -= 2 * int(cost.value(q) * 2**bits)
+    whole, moved = int(x[9]) << bits + 1, np.zeros(20, dtype=object)
+    for _ in range(_MOVES):
+        step = _scaled(found, bits)
+        # Twice the forms: their halves are integers too.
+        moved, H = moved + step, H + np.tensordot(step, doubled, axes=1)
+        found = -back @ np.array([int(v) / whole for v in H @ x])
+    return H, moved, bits
 
 
 @lru_cache(maxsize=1)
