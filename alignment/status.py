@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
 from typing import Protocol
 
 from numpy.typing import ArrayLike
@@ -78,7 +77,7 @@ class Growth:
     scale: float
     offset: float = 0.0
 
-    @cached_property
+    @property
     def gap(self) -> float:
         """By how much another rotation may cost less, at most."""
         if self.margin > 0.0:
@@ -86,7 +85,7 @@ class Growth:
             return self.offset + min(self.slope**2 / self.margin, 2.0 * self.slope)
         return self.offset + 2.0 * self.slope - self.margin
 
-    @cached_property
+    @property
     def region(self) -> float:
         """Every rotation that costs less is within this angle [rad]; π: nothing is proved."""
         t = self.margin
@@ -97,11 +96,12 @@ class Growth:
             return math.pi
         return 2.0 * math.asin(math.sqrt(a2 / (1.0 + math.sqrt(1.0 - a2))))
 
-    @cached_property
+    @property
     def status(self) -> AlignmentStatus:
         """The word for it."""
-        closed = self.gap <= RELATIVE_GAP * self.scale
-        if closed and self.gap <= GAP:
+        gap = self.gap
+        closed = gap <= RELATIVE_GAP * self.scale
+        if closed and gap <= GAP:
             only = self.region <= REGION
             return AlignmentStatus.CERTIFIED if only else AlignmentStatus.AMBIGUOUS
         stationary = self.slope <= RELATIVE_GAP * self.scale

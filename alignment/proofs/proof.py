@@ -17,6 +17,7 @@ about the uniqueness of the optimum, or about the vehicle.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import isqrt, lcm
@@ -179,7 +180,7 @@ def lagrangian(
     return H
 
 
-def positive_definite(matrix: Matrix) -> bool:
+def positive_definite(matrix: Sequence[Sequence[Fraction | int]]) -> bool:
     """Return whether a symmetric matrix is positive definite, by Bareiss's elimination.
 
     In integers, after a common denominator; every pivot is a leading minor (Sylvester).

@@ -31,7 +31,7 @@ from .quartic import lagrangian_of
 #: Bits behind the point of quaternions, and least of matrices beyond the scale of Q.
 _UNIT, _FINE = 120, 220
 #: Newton steps at most; each gains the digits that a float's Hessian has. Moves of multipliers.
-_STEPS, _MOVES = 12, 4
+_STEPS, _MOVES = 12, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ def proves(cost: ExactCost, q: np.ndarray, gram: FloatArray, margin: float, offs
     spare = 100 + (least >> _UNIT - 10)
     for k in range(10):
         H[k, k] += room - spare - least
-    return room > spare and positive_definite([[Fraction(int(v)) for v in row] for row in H])
+    return room > spare and positive_definite([[int(v) for v in row] for row in H])
 
 
 def multipliers_at(cost: ExactCost, q: np.ndarray, found: FloatArray) -> tuple[Fraction, ...]:

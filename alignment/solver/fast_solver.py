@@ -42,6 +42,7 @@ ROUNDING = 2e-13
 ZERO, LEAST = 5e-13, 1e-12
 #: Rounding of residuals in the factor of a cost, relative to √scale: a backward stable reduction.
 REDUCTION = 1e-14
+_SQRT2 = math.sqrt(2.0)
 #: Ways to compute it; they agree.
 BACKENDS = ("numba", "numpy")
 
@@ -210,31 +211,40 @@ def _margin_at(task: _Task, C: FloatArray, steps: int = 0) -> _Found:
 
 
 def _proved(found: _Found, task: _Task) -> FastMinimum:
-    scale, growth = task.scale, _growth(found, task.scale)
+    growth = _growth(found, task.scale)
+    if growth.status is not AlignmentStatus.CERTIFIED:
+        return _proved_slowly(found, growth, task)
+    cost = found.cost * task.scale
+    return _handed_over(found, growth, cost, cost - ROUNDING * task.scale)
+
+
+def _proved_slowly(found: _Found, growth: Growth, task: _Task) -> FastMinimum:
+    """Return what a longer search, or integers, make of a rotation that is not certified."""
+    scale = task.scale
     for search in (fast_numpy.own_bottom, fast_numpy.low_bottoms):
-        if not _doubtful(found, growth):
+        short = growth.slope > 2.0 * ROUNDING * scale or found.t < -ZERO
+        if growth.status is AlignmentStatus.CERTIFIED or not short:
             break
         # Short of the end of a narrow valley, or in the higher of two wells.
         C = min(search(task.scaled, found.C), key=lambda C: _cost(task.scaled, C))
         found = _margin_at(task, C)._replace(counts=found.counts)
         growth = _growth(found, scale)
-    cost, rounding = found.cost * scale, ROUNDING * scale
     if growth.status is not AlignmentStatus.CERTIFIED and found.t > ZERO:
         closely = _closely(found, task)
         if closely is not None:
             found, growth, cost = closely
-            rounding = 0.0
+            return _handed_over(found, growth, cost, cost)
+    cost = found.cost * scale
+    return _handed_over(found, growth, cost, cost - ROUNDING * scale)
+
+
+def _handed_over(found: _Found, growth: Growth, cost: float, least: float) -> FastMinimum:
+    """Return the minimum; `least` is its cost with rounding taken against us."""
+    gap, scale = growth.gap, growth.scale
     return FastMinimum(
-        found.C, cost, cost - growth.gap - rounding, growth.gap, growth.margin, growth.region,
-        found.X * scale, found.slope * (np.sqrt(2.0) * scale), scale, growth.status, *found.counts,
+        found.C, cost, least - gap, gap, growth.margin, growth.region, found.X * scale,
+        found.slope * (_SQRT2 * scale), scale, growth.status, *found.counts,
     )  # fmt: skip
-
-
-def _doubtful(found: _Found, growth: Growth) -> bool:
-    """Return whether a longer search could find a better rotation, or come nearer to this one."""
-    if growth.status is AlignmentStatus.CERTIFIED:
-        return False
-    return found.t < -ZERO or growth.slope > 2.0 * ROUNDING * growth.scale
 
 
 def _cost(scaled: FloatArray, C: FloatArray) -> float:
