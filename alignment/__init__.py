@@ -4,6 +4,7 @@
     result.passed, result.C_ew, result.bound, result.message
 
     problem          rows of Doppler and local velocity, and the quadratic cost they make
+    clock_walk       rows under a clock that walks, made independent in one pass
     local_velocity   the vehicle's own velocity, from odometer and gyros
     priors           a known vertical or heading, as rows of the same problem
     observability    which windows determine a rotation at all

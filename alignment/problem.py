@@ -188,6 +188,10 @@ class ClockModel:
             return np.hstack([ones, ones * (rows.time - rows.time.mean())[:, None]])
         return ones
 
+    def drifts(self, rows: AlignmentRows) -> int:
+        """Return how many of `columns`, from the first, are drifts; the others are rates."""
+        return np.unique(rows.epoch).size if self.kind == "per-epoch" else 1
+
     def whiten(self, rows: AlignmentRows, matrix: FloatArray) -> FloatArray:
         """Return `matrix` with its rows decorrelated and scaled to unit variance.
 
@@ -196,10 +200,9 @@ class ClockModel:
         """
         if self.kind != "random-walk" or not self.q:
             return matrix / rows.sigma[:, None]
-        elapsed = rows.time - rows.time.min()
-        covariance = np.diag(rows.sigma**2) + self.q**2 * np.minimum.outer(elapsed, elapsed)
-        root = np.linalg.cholesky(covariance)
-        return scipy.linalg.solve_triangular(root, matrix, lower=True, check_finite=False)
+        from .clock_walk import independent  # numba is slow to import: left until it is used
+
+        return independent(np.ascontiguousarray(matrix), rows.sigma, rows.time, self.q)
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,7 +314,9 @@ def build_problem(
     if extra.ndim != 2 or extra.shape[0] != k:
         raise DataError(f"nuisance: expected shape ({k}, m), found {extra.shape}")
     columns = clock.whiten(rows, np.hstack([clock.columns(rows), extra]))
-    design = clock.whiten(rows, design_matrix(rows))
+    # Every model has a constant drift among its columns. What is taken off first costs no digits.
+    level = float(np.median(rows.z))
+    design = clock.whiten(rows, design_matrix(replace(rows, z=rows.z - level)))
     projected, rank = project_out(design, columns)
     if np.linalg.norm(projected[:, :9]) <= 1e-12 * float(np.linalg.norm(design)):
         raise AlignmentError(
@@ -323,6 +328,7 @@ def build_problem(
     factor[: min(k, 10)] = triangular[:10]
     # z = e·C v_w + columns @ parameters, hence B @ x + columns @ parameters ≈ 0.
     parameters = -np.asarray(np.linalg.lstsq(columns, design, rcond=1e-12)[0], dtype=float)
+    parameters[: clock.drifts(rows), 9] -= level
     return AlignmentProblem(
         factor.T @ factor, factor, int(k / correlated) - rank - 3,
         float(np.sum(rows.sigma**-2.0)), parameters,

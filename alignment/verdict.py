@@ -1,7 +1,7 @@
 """What may be believed of an alignment: five verdicts kept apart, and one that needs them all.
 
-    optimal      the rotation is proved to have the lowest cost          (gap)
-    unique       and no other rotation has the same                      (t > 0)
+    optimal      the rotation is proved to have the lowest cost          (gap in χ²)
+    unique       and no other rotation has the same                      (region of what costs less)
     unambiguous  nor one that noise could have preferred                 (runner-up within χ²)
     consistent   the rows agree with each other and with their weights   (χ² per degree of freedom)
     bounded      every rotation within the χ² region is near             (certified attitude bound)
@@ -26,9 +26,9 @@ from .priors import Prior, with_priors
 from .problem import AlignmentProblem, AlignmentRows, ClockModel, build_problem
 from .result import AlignmentResult, Ask, Verdict, inflation
 from .solver.attitude_bound import attitude_bound, region_threshold
-from .solver.fast_solver import GAP, LocalMinima, fast_minimum, local_minima
+from .solver.fast_solver import LocalMinima, fast_minimum, local_minima
 from .solver.refinement import rotation_angle
-from .status import ProvedMinimum
+from .status import GAP, REGION, AlignmentStatus, ProvedMinimum
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def judge(
     """
     limits = limits or VerdictLimits()
     Q = problem.Q
-    minimum = fast_minimum(Q, backend=backend)
+    minimum = fast_minimum(Q, factor=problem.factor, backend=backend)
     seen = observability(Q, vel_sigma=vel_sigma, information=problem.information)
     rivals = _others(minimum, local_minima(Q, backend=backend))
     cost = problem.cost(minimum.C)
@@ -158,24 +158,24 @@ def _others(minimum: ProvedMinimum, found: LocalMinima) -> LocalMinima:
 def optimal(minimum: ProvedMinimum) -> Verdict:
     """Return whether the minimum is proved to be the lowest."""
     passed = minimum.status.optimal
-    text = f"optimum {'proved' if passed else 'not proved'}, relative gap {minimum.gap:.1e}"
+    text = f"optimum {'proved' if passed else 'not proved'}, gap χ² {minimum.gap:.1e}"
     return Verdict(Ask.OPTIMAL, passed, minimum.gap, GAP, text)
 
 
 def unique(minimum: ProvedMinimum, seen: Observability) -> Verdict:
     """Return whether it is the only one, and the geometry bears that out."""
-    t, determined = minimum.best_margin, seen.geometry.determined
-    passed = t > 0.0 and determined
+    region, determined = minimum.region, seen.geometry.determined
+    passed = minimum.status is AlignmentStatus.CERTIFIED and determined
     if passed:
-        text = f"the only optimum, t = {t:.2g}"
+        text = f"the only optimum: what costs less is within {np.degrees(region):.1g}°"
     elif determined:
-        text = f"other rotations cost as little, t = {t:.2g}"
+        text = f"other rotations may cost as little, t = {minimum.best_margin:.2g}"
     else:
         text = (
             f"{seen.geometry.value}; velocities span {seen.rank_v}, lines of sight "
             f"{seen.rank_n} dimensions — {_remedy(seen)}"
         )
-    return Verdict(Ask.UNIQUE, passed, t, 0.0, text)
+    return Verdict(Ask.UNIQUE, passed, region, REGION, text)
 
 
 def _remedy(seen: Observability) -> str:

@@ -74,7 +74,9 @@ def _rates(results: list[AlignmentResult], errors: list[float]) -> dict:
     ratios = [eigenvalue_ratio(np.linalg.eigvalsh(r.minimum.dual.H)) for r in results]
     proved = [r.minimum.status is AlignmentStatus.CERTIFIED for r in results]
     determined = [r.observability.geometry.determined for r in results]
-    gaps = [r.minimum.gap for r, ok in zip(results, determined, strict=True) if ok]
+    gaps = [
+        r.minimum.gap / r.minimum.scale for r, ok in zip(results, determined, strict=True) if ok
+    ]
     good = [e for e, ok in zip(errors, determined, strict=True) if ok]
     return {
         "certified": float(np.mean(np.array(ratios) < PAPER_RATIO)),

@@ -1,34 +1,36 @@
 """An exact check of an alignment proof, in integers and fractions, by itself.
 
 Nothing here is shared with what finds the rotation: no floating point, no numpy, no solver. A
-proof is a cost matrix Q, twenty multipliers λ and a bound γ, all rational, and an integer
-quaternion. What is checked:
+proof is a cost matrix Q, twenty multipliers λ and a bound γ, all rational, an integer quaternion,
+and in a file the rows that Q was made from. What is checked:
 
     H = Q − γJ + Σ λₖAₖ is positive definite       (leading minors, fraction-free elimination)
     xᵀAₖx = 0 for every rotation, x = [vec(C); 1]   (the forms below, by construction)
 
 hence f(C) = xᵀQx ≥ γ **for every rotation C and this Q**. The cost of the quaternion's rotation is
-recomputed exactly and says how far above γ the best may lie at most. That is all: nothing is said
-about the rows behind Q, about the uniqueness of the optimum, or about the vehicle.
+recomputed exactly and says how far above γ the best may lie at most, in χ²: Q has the noise of the
+rows in it, and no constant added to Q changes what a unit of it means. Where rows are there, their
+own Q is computed from them (`alignment.proofs.evidence`), and how far it is from the one at hand,
+|ΔQ| in the Frobenius norm, times |x|² = 4, is added on both sides. That is all: nothing is said
+about the uniqueness of the optimum, or about the vehicle.
 """
 
 from __future__ import annotations
 
-import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import lcm
-from pathlib import Path
+from math import isqrt, lcm
 from typing import Any
 
-from ...filters.errors import DataError
+from .evidence import Evidence, cost_matrix
 
-#: First line of a file, so to speak.
-FORMAT, VERSION = "certnav alignment proof", 1
 #: Order of Q's entries: upper triangle, row by row.
 UPPER = tuple((i, j) for i in range(10) for j in range(i, 10))
-#: Gap, relative to tr Q, above which a rotation is not called optimal.
-GAP = Fraction(1, 10**6)
+#: Gap [χ²] above which a rotation is not called optimal, `alignment.status.GAP`.
+GAP = Fraction(1, 100)
+#: Bits behind the point of a root that is rounded up.
+_ROOT = 128
 
 Matrix = list[list[Fraction]]
 
@@ -51,6 +53,10 @@ class Proof:
         (w, x, y, z) of the rotation, of any length.
     cost : Fraction
         What it is said to cost.
+    evidence : Evidence, optional
+        The rows that Q was made from.
+    window : int
+        Which of the recording's windows it is, from 0.
     """
 
     label: str
@@ -59,6 +65,8 @@ class Proof:
     bound: Fraction
     quaternion: tuple[int, ...]
     cost: Fraction
+    evidence: Evidence | None = None
+    window: int = 0
 
     def __repr__(self) -> str:
         bound, cost = float(self.bound), float(self.cost)
@@ -66,13 +74,16 @@ class Proof:
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as it is written: fractions as text."""
+        rows = {} if self.evidence is None else {"evidence": self.evidence.as_dict()}
         return {
             "label": self.label,
+            "window": self.window,
             "Q": [str(q) for q in self.Q],
             "multipliers": [str(m) for m in self.multipliers],
             "bound": str(self.bound),
             "quaternion": list(self.quaternion),
             "cost": str(self.cost),
+            **rows,
         }
 
 
@@ -85,8 +96,8 @@ class Checked:
     proved : bool
     bound, cost : Fraction
         Every rotation costs `bound` or more; the one at hand costs `cost`, exactly.
-    relative_gap : Fraction
-        (cost − bound)/tr Q.
+    gap : Fraction
+        cost − bound [χ²], and what the rows may make of it.
     reason : str
         One line: the statement proved, or why nothing is.
     """
@@ -94,7 +105,7 @@ class Checked:
     proved: bool
     bound: Fraction
     cost: Fraction
-    relative_gap: Fraction
+    gap: Fraction
     reason: str
 
 
@@ -169,7 +180,7 @@ def lagrangian(
     return H
 
 
-def positive_definite(matrix: Matrix) -> bool:
+def positive_definite(matrix: Sequence[Sequence[Fraction | int]]) -> bool:
     """Return whether a symmetric matrix is positive definite, by Bareiss's elimination.
 
     In integers, after a common denominator; every pivot is a leading minor (Sylvester).
@@ -188,90 +199,55 @@ def positive_definite(matrix: Matrix) -> bool:
     return True
 
 
+def distance(Q: tuple[Fraction, ...], evidence: Evidence) -> Fraction:
+    """Return by how much costs of rotations under Q and under the rows differ at most."""
+    own = cost_matrix(evidence)
+    squares = sum(
+        ((q - own[i][j]) ** 2 * (1 if i == j else 2) for q, (i, j) in zip(Q, UPPER, strict=True)),
+        Fraction(0),
+    )
+    # |x|² = 4 times the norm, rounded up.
+    return 4 * Fraction(isqrt(int(squares * 4**_ROOT)) + 1, 2**_ROOT)
+
+
 def check(proof: Proof) -> Checked:
     """Return what a proof proves; nothing is taken on trust."""
-    trace = sum((q for q, (i, j) in zip(proof.Q, UPPER, strict=True) if i == j), Fraction(0))
     nothing = Fraction(0)
     if not any(proof.quaternion):
         return Checked(False, nothing, nothing, nothing, "the quaternion is zero: no rotation")
     cost = cost_of(proof.Q, proof.quaternion)
-    gap = (cost - proof.bound) / trace if trace > 0 else nothing
+    gap, bound = cost - proof.bound, proof.bound
 
     def answer(proved: bool, reason: str) -> Checked:
-        return Checked(proved, proof.bound, cost, gap, reason)
+        return Checked(proved, bound, cost, gap, reason)
 
-    if trace <= 0:
-        return answer(False, "tr Q is not positive: no cost matrix")
     if cost != proof.cost:
-        return answer(False, f"the rotation costs {float(cost):.9g}, not {float(proof.cost):.9g}")
+        return answer(False, f"the rotation costs {_g(cost)}, not {_g(proof.cost)}")
     if not positive_definite(lagrangian(proof.Q, proof.bound, proof.multipliers)):
         return answer(False, "H is not positive definite: the multipliers do not prove the bound")
+    what = "this Q"
+    if proof.evidence is not None:
+        apart = distance(proof.Q, proof.evidence)
+        bound, gap = bound - apart, gap + 2 * apart
+        what = f"these {len(proof.evidence.rows)} rows"
+        if apart > GAP / 4:
+            return answer(False, f"Q is not that of its rows: costs differ by up to {_g(apart)}")
     if gap > GAP:
         return answer(
             False,
-            f"proved is only that every rotation costs {float(proof.bound):.9g} or more; this one "
-            f"costs {float(cost):.9g} and may not be the best",
+            f"proved is only that every rotation costs {_g(bound)} or more; this one costs "
+            f"{_g(cost)} and may not be the best",
         )
     return answer(
         True,
-        f"for this Q every rotation costs {float(proof.bound):.9g} or more; this one costs "
-        f"{float(cost):.9g}, at most {float(gap):.1e} of tr Q above the best",
+        f"for {what} every rotation costs {_g(bound)} or more; this one costs {_g(cost)}, at "
+        f"most {float(gap):.1e} χ² above the best",
     )
 
 
-def write(path: Path, name: str, proofs: list[Proof]) -> None:
-    """Write proofs as JSON."""
-    content = {"format": FORMAT, "version": VERSION, "name": name}
-    content["proofs"] = [proof.as_dict() for proof in proofs]
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-
-
-def read(path: Path) -> list[Proof]:
-    """Return the proofs of a file.
-
-    Raises
-    ------
-    DataError
-        If it is no proof file, or an entry is missing or no exact number.
-    """
+def _g(value: Fraction) -> str:
+    """Return a number for people, whatever its size."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        line = error.lineno if isinstance(error, json.JSONDecodeError) else None
-        raise DataError("expected a proof file, found no JSON", file=path, line=line) from error
-    found = content.get("format") if isinstance(content, dict) else None
-    if found != FORMAT or content.get("version") != VERSION:
-        raise DataError(
-            f"expected '{FORMAT}' version {VERSION}", file=path,
-            remedy="write one with certnav align PATH --proof FILE",
-        )  # fmt: skip
-    proofs = content.get("proofs")
-    if not isinstance(proofs, list) or not proofs:
-        raise DataError("expected a list of proofs, found none", file=path)
-    return [_parsed(entry, number, path) for number, entry in enumerate(proofs, 1)]
-
-
-def _parsed(entry: Any, number: int, path: Path) -> Proof:
-    try:
-        proof = Proof(
-            str(entry["label"]),
-            tuple(_exact(q) for q in entry["Q"]),
-            tuple(_exact(m) for m in entry["multipliers"]),
-            _exact(entry["bound"]),
-            tuple(entry["quaternion"]),
-            _exact(entry["cost"]),
-        )
-        sizes = (len(proof.Q), len(proof.multipliers), len(proof.quaternion))
-        if sizes != (55, 20, 4) or not all(type(n) is int for n in proof.quaternion):
-            raise ValueError("expected 55 entries of Q, 20 multipliers and 4 integers")
-    except (KeyError, TypeError, ValueError, ZeroDivisionError) as error:
-        reason = f"no {error}" if isinstance(error, KeyError) else str(error)
-        raise DataError(f"proof {number}: {reason}", file=path) from error
-    return proof
-
-
-def _exact(text: Any) -> Fraction:
-    """Return a fraction written as text; a JSON number has been rounded by someone."""
-    if not isinstance(text, str):
-        raise ValueError(f"expected a fraction as text, found {text!r}")
-    return Fraction(text)
+        return f"{float(value):.9g}"
+    except OverflowError:
+        return "beyond 1e308" if value > 0 else "beyond -1e308"

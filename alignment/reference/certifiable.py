@@ -1,7 +1,9 @@
 """Certifiable alignment as published: relax, solve, round, refine, prove.
 
 The semidefinite relaxation finds the basin, Newton's method the bottom of it, and the
-certificate is made anew at the refined rotation from multipliers moved along with it.
+certificate is made anew at the refined rotation from multipliers moved along with it. With all
+constraints the status is decided where that of the fast solver is, from the rotation found here:
+the same of the same problem. The certificate of the relaxation's own multipliers stands beside it.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from ..problem import AlignmentProblem
 from ..proofs.certificate import Certificate, certify
 from ..result import AlignmentResult
 from ..solver.constraints import ALL, lagrangian, multipliers_between
-from ..solver.fast_solver import LocalMinima
+from ..solver.fast_solver import FastMinimum, LocalMinima, proved_at
 from ..solver.refinement import Minimum, newton
 from ..status import AlignmentStatus
 from ..verdict import optimal, unique
@@ -34,29 +36,34 @@ class CertifiedMinimum:
     refined : Minimum
         Rotation, cost, gradient and Hessian after Newton's method.
     certificate : Certificate
+        Of the relaxation's multipliers.
     dual : DualSolution
         The relaxation's solution.
     rounded : ndarray, shape (3, 3)
         Rotation nearest to the rank-one part of the moment matrix, before refinement.
+    proof : FastMinimum or None
+        From the rotation, with the multipliers that prove most; None where not all constraints
+        were relaxed.
     """
 
     refined: Minimum
     certificate: Certificate
     dual: DualSolution
     rounded: FloatArray
+    proof: FastMinimum | None
 
     def __repr__(self) -> str:
-        return f"<CertifiedMinimum: {self.certificate!r}>"
+        return f"<CertifiedMinimum {self.status.name}: {self.certificate!r}>"
 
     @property
     def C(self) -> FloatArray:
         """The rotation."""
-        return self.refined.C
+        return self.refined.C if self.proof is None else self.proof.C
 
     @property
     def cost(self) -> float:
         """f(C)."""
-        return self.refined.cost
+        return self.refined.cost if self.proof is None else self.proof.cost
 
     @property
     def scale(self) -> float:
@@ -65,18 +72,23 @@ class CertifiedMinimum:
 
     @property
     def gap(self) -> float:
-        """(cost − proved lower bound)/scale ≥ 0."""
-        return self.certificate.relative_gap
+        """Proved: no rotation costs less by more than this."""
+        return self.certificate.growth.gap if self.proof is None else self.proof.gap
 
     @property
     def best_margin(self) -> float:
-        """4λ₂ of the Lagrangian (`alignment.proofs.certificate`), 0 where more than λ₁ is zero."""
-        return 4.0 * self.certificate.second_eigenvalue if self.certificate.corank == 1 else 0.0
+        """t, the margin of uniqueness; not positive: other rotations may cost as little."""
+        return self.certificate.growth.margin if self.proof is None else self.proof.best_margin
+
+    @property
+    def region(self) -> float:
+        """Proved: every rotation that costs less is within this angle [rad]."""
+        return self.certificate.growth.region if self.proof is None else self.proof.region
 
     @property
     def status(self) -> AlignmentStatus:
         """What follows from Q alone."""
-        return self.certificate.status
+        return self.certificate.status if self.proof is None else self.proof.status
 
     def covariance(self) -> FloatArray:
         """Return the covariance of θ, C_true = C·Exp(θ) [rad²], w axes, if f is χ².
@@ -110,16 +122,18 @@ def certified_minimum(
     """
     dual = solve_dual(Q, families)
     starts = rotations_from_moments(dual.Z)
-    best: tuple[Minimum, Certificate] | None = None
+    best: CertifiedMinimum | None = None
     for start in starts:
         refined = newton(Q, start, factor=factor)
-        proof = certify(Q, refined.C, dual.multipliers, dual.dual_cost, dual.families)
-        if best is None or proof.relative_gap < best[1].relative_gap:
-            best = refined, proof
-        if best[1].status is AlignmentStatus.CERTIFIED:
+        certificate = certify(Q, refined.C, dual.multipliers, dual.dual_cost, dual.families)
+        proof = proved_at(Q, refined.C, factor=factor) if dual.families == ALL else None
+        found = CertifiedMinimum(refined, certificate, dual, starts[0], proof)
+        if best is None or found.gap < best.gap:
+            best = found
+        if best.status is AlignmentStatus.CERTIFIED:
             break
     assert best is not None
-    return CertifiedMinimum(*best, dual, starts[0])
+    return best
 
 
 def align_sdp(

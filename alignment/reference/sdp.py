@@ -160,15 +160,16 @@ def solve_dual(
 
 
 def rotations_from_moments(Z: ArrayLike) -> FloatArray:
-    """Return rotations that the moment matrix suggests, shape (3, 3, 3).
+    """Return rotations that the moment matrix suggests, shape (4, 3, 3).
 
     The first comes from its rank-one part. Where two optima x, y share the minimum the solver
     returns their mean, Z = (xxᵀ + yyᵀ)/2, whose leading eigenvector lies half-way, on the saddle
     between them; x and y are then the sum and difference of its two leading square roots, which
-    are the other two rotations.
+    are the other two rotations. Half a turn apart, x and y are orthogonal and may be the
+    eigenvectors themselves: the second is the last rotation.
     """
     values, vectors = np.linalg.eigh(np.asarray(Z, dtype=float))
     leading, second = (vectors[:, -2:] * np.sqrt(np.maximum(values[-2:], 0.0))).T[::-1]
-    candidates = np.stack([leading, leading + second, leading - second])
+    candidates = np.stack([leading, leading + second, leading - second, second])
     candidates[candidates[:, 9] < 0.0] *= -1.0
-    return orthonormalise(np.swapaxes(candidates[:, :9].reshape(3, 3, 3), -1, -2))
+    return orthonormalise(np.swapaxes(candidates[:, :9].reshape(-1, 3, 3), -1, -2))

@@ -27,8 +27,9 @@ from .fast_solver import ROUNDING, FastMinimum, chosen_backend, compiled_kernels
 #: Gram matrices of w²|u|² and of |u|²: |w u|² = ½ of the first three monomials squared.
 _INNER: FloatArray = np.array([0.5] * 3 + [0.0] * 6)
 _OUTER: FloatArray = np.array([0.5] * 3 + [1.0] * 6)
-#: T is proved this much larger: room for rounding and for what is left of the gradient.
-_ROOM = 1e-3
+#: T is proved this much larger, and by as many roundings of Q: room for these and for what is left
+#: of the gradient.
+_ROOM, _ROUNDINGS = 1e-3, 4.0
 
 
 def region_threshold(probability: float = 0.9973, dof: int = 3) -> float:
@@ -60,7 +61,8 @@ def attitude_bound(minimum: FastMinimum, threshold: float, *, backend: str | Non
     if not threshold > 0.0:
         raise ConfigError(f"attitude bound: expected a threshold > 0, found {threshold:g}")
     numba = chosen_backend(backend) == "numba"
-    X, T = minimum.gram / minimum.scale, threshold * (1.0 + _ROOM) / minimum.scale
+    X = minimum.gram / minimum.scale
+    T = threshold * (1.0 + _ROOM) / minimum.scale + _ROUNDINGS * ROUNDING
     # Far from C the condition reads t ≥ T; twice that starts the second stage well inside.
     if numba:
         X = X.copy()

@@ -7,6 +7,7 @@ together, and the barrier multiplies all fourteen null matrices at once.
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from ...filters.rotation import FloatArray, orthonormalise
 from .quartic import GRID, GRID_FEATURES, GRID_NEAR, NULL_GRAMS, gram, lower_triangle, reduced_gram
@@ -14,13 +15,16 @@ from .quartic import GRID, GRID_FEATURES, GRID_NEAR, NULL_GRAMS, gram, lower_tri
 #: As in `alignment.solver.kernels`.
 FIRST_STARTS, ALL_STARTS = 3, 24
 GAP = 1e-9
-MARGINS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-BARRIER_STEPS = 80
+MARGINS = (1e-2, 1e-4, 1e-6, 1e-8)
+ENOUGH = MARGINS[-1]
+BARRIER_STEPS, TRUST_STEPS = 80, 150
+#: Ratio of curvatures from which a basin is a valley, and curvature that rounding may have made.
+STIFF, FLAT = 1e-2, 1e-12
 SAME_COST = 1e-13
 
 _NULL_ROWS = NULL_GRAMS.reshape(14, 81)
 _NULL_COLUMNS = np.ascontiguousarray(_NULL_ROWS.T)
-_NULL_SIDE = np.ascontiguousarray(NULL_GRAMS.transpose(1, 0, 2).reshape(9, 126))
+_UNIT = np.eye(9).ravel()
 
 
 def solve(Q: FloatArray) -> tuple[FloatArray, float, float, FloatArray, FloatArray, int, int, int]:
@@ -48,7 +52,7 @@ def solve(Q: FloatArray) -> tuple[FloatArray, float, float, FloatArray, FloatArr
                 if t > 0.0:
                     break
         if fresh and end > 1:
-            t, X, steps = largest_margin(X, MARGINS[-1], -2.0 * GAP)
+            t, X, steps = largest_margin(X, ENOUGH, -2.0 * GAP)
             barriers += steps
             fresh = False
             if t > -GAP:
@@ -65,6 +69,84 @@ def minima(Q: FloatArray, starts: int) -> tuple[FloatArray, FloatArray]:
         if all(np.sum(found[k] * found[m]) <= 2.9999 for m in kept):
             kept.append(int(k))
     return found[kept], grams[kept, 0, 0]
+
+
+def descend(Q: FloatArray, C: FloatArray) -> tuple[FloatArray, int]:
+    """Return the bottom of the basin that C lies in, and the Newton steps to it.
+
+    A trust region, which takes more steps than `_newton`. Before a step is judged it is brought
+    back to the floor of the valley, across it: valleys a hundred thousand times longer than wide
+    are walked along in strides that do not depend on their width.
+    """
+    G, radius, before = gram(Q, C), 0.5, np.inf
+    steps = 0
+    while steps < TRUST_STEPS:
+        steps += 1
+        H0, slope = reduced_gram(G)
+        values, axes = np.linalg.eigh(H0[:3, :3])
+        along = axes.T @ slope
+        theta = -axes @ (along / (values + _damping(values, along, radius)))
+        expected = -float(slope @ theta + 0.5 * theta @ H0[:3, :3] @ theta)
+        if expected <= 1e-14:
+            # Costs no longer tell: Newton steps for as long as they shrink, where it is not flat.
+            theta = -axes @ np.where(values > FLAT, along / np.maximum(values, FLAT), 0.0)
+        length = float(np.sqrt(theta @ theta))
+        trial = C @ _cayley(theta[None])[0]
+        if expected > 1e-14 and values[0] < STIFF * values[2]:
+            trial = _across(Q, trial)
+        after = gram(Q, trial)
+        if expected <= 1e-14:
+            if not length < min(0.5 * before, 0.1):
+                break
+            before = length
+        elif G[0, 0] - after[0, 0] < 0.1 * expected:
+            radius = 0.3 * min(radius, length)
+            continue
+        elif G[0, 0] - after[0, 0] > 0.7 * expected:
+            radius = min(max(radius, 2.5 * length), 0.7)
+        C, G = trial, after
+    return orthonormalise(C), steps
+
+
+def _across(Q: FloatArray, C: FloatArray) -> FloatArray:
+    """Return C after three Newton steps in the directions in which the cost is stiff."""
+    for _ in range(3):
+        H0, slope = reduced_gram(gram(Q, C))
+        values, axes = np.linalg.eigh(H0[:3, :3])
+        stiff = values > max(abs(values[0]) / STIFF, STIFF * values[2])
+        theta = -axes @ np.where(stiff, axes.T @ slope / np.maximum(values, 1e-300), 0.0)
+        C = C @ _cayley(theta[None] * min(1.0, 0.5 / max(float(np.sqrt(theta @ theta)), 0.5)))[0]
+    return C
+
+
+def _damping(values: FloatArray, along: FloatArray, radius: float) -> float:
+    """Return the least shift with which the Newton step is a descent no longer than `radius`."""
+
+    def too_long(shift: float) -> bool:
+        return bool(np.sum((along / (values + shift)) ** 2) > radius * radius)
+
+    if values[0] > 0.0 and not too_long(0.0):
+        return 0.0
+    low = max(-float(values[0]), 0.0) + 1e-16
+    if not too_long(low):
+        return low
+    high = low + float(np.sqrt(along @ along)) / radius
+    for _ in range(60):
+        middle = np.sqrt(low * high) if low > 1e-3 * high else 0.03 * high
+        low, high = (middle, high) if too_long(middle) else (low, middle)
+        if high < 1.1 * low:
+            break
+    return high
+
+
+def own_bottom(Q: FloatArray, C: FloatArray) -> list[FloatArray]:
+    """Return where the descent from C ends."""
+    return [descend(Q, C)[0]]
+
+
+def low_bottoms(Q: FloatArray, C: FloatArray) -> list[FloatArray]:
+    """Return where the descents from C and from the lowest few of all minima end."""
+    return [descend(Q, start)[0] for start in (C, *minima(Q, ALL_STARTS)[0][:FIRST_STARTS])]
 
 
 def _next_starts(costs: FloatArray, number: int) -> list[int]:
@@ -144,30 +226,23 @@ def barrier(
 ) -> tuple[float, FloatArray, int]:
     """Maximise s subject to X + Σ μₖNₖ ⪰ s·diag(E), as `alignment.solver.kernels.barrier`."""
     weight = 0.0
-    slope, H = np.empty(15), np.empty((15, 15))
+    Y = np.empty((81, 15))
     root = _root(X, s, E)
     if root is None:
         return -np.inf, X, 0
     for steps in range(1, BARRIER_STEPS + 1):
         half = np.linalg.inv(root)
-        W = half.T @ half
-        WE = W * E
-        V = WE @ W
-        pull = float(np.trace(WE))
-        weight = weight or pull
-        sides = (W @ _NULL_SIDE).reshape(9, 14, 9).transpose(1, 0, 2)
-        H[:14, :14] = sides.reshape(14, 81) @ sides.transpose(0, 2, 1).reshape(14, 81).T
-        H[14, :14] = H[:14, 14] = -(_NULL_ROWS @ V.ravel())
-        H[14, 14] = np.diag(V) @ E
-        slope[:14] = -(_NULL_ROWS @ W.ravel())
-        slope[14] = pull - weight
-        try:
-            step = -np.linalg.solve(H, slope)
-        except np.linalg.LinAlgError:
+        # The Hessian is YᵀY and the slope −Yᵀvec(I), less the weight: its root keeps the digits.
+        Y[:, :14] = (half @ NULL_GRAMS @ half.T).reshape(14, 81).T
+        Y[:, 14] = -((half * E) @ half.T).ravel()
+        weight = weight or -float(Y[:, 14] @ _UNIT)
+        Q, R = np.linalg.qr(Y)
+        if not np.all(np.diag(R)):
             return s, X, steps
-        decrement = -float(slope @ step)
-        if not decrement >= 0.0:
-            return s, X, steps
+        toward = Q.T @ _UNIT
+        toward[14] += weight / R[14, 14]
+        step = solve_triangular(R, toward, check_finite=False)
+        decrement = float(step @ (Y.T @ _UNIT)) + weight * float(step[14])
         D = (_NULL_COLUMNS @ step[:14]).reshape(9, 9)
         value = -weight * s - 2.0 * float(np.log(np.diag(root)).sum())
         length = 1.0

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...filters.compiled.jit import njit
 from .margin_kernels import (
-    MARGINS,
+    ENOUGH,
     add_null,
     barrier,
     cholesky,
@@ -31,8 +31,8 @@ __all__ = ["barrier", "largest_margin", "minima", "solve"]
 
 #: Distinct starts tried before the barrier is asked, and in all.
 FIRST_STARTS, ALL_STARTS = 3, 24
-#: t that counts as closed without uniqueness, and rounding of a Gram matrix of unit scale.
-GAP, ROUNDING = 1e-9, 4e-14
+#: t that counts as closed without uniqueness.
+GAP = 1e-9
 #: Cost difference below which a later start is no improvement.
 SAME_COST = 1e-13
 
@@ -275,7 +275,7 @@ def solve(Q, C, X, slope):
                 if t > 0.0:
                     break
         if fresh and (k == FIRST_STARTS - 1 or k == ALL_STARTS - 1 or not left):
-            t, steps = largest_margin(X, MARGINS[-1], -2.0 * GAP)
+            t, steps = largest_margin(X, ENOUGH, -2.0 * GAP)
             barriers += steps
             fresh = False
             if t > -GAP:

@@ -15,8 +15,10 @@ import numpy as np
 from ...filters.compiled.jit import njit
 from .quartic import NULL_GRAMS
 
-#: Values of t tried on the first guess, one Cholesky factorisation each.
-MARGINS = np.array([1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12])
+#: Values of t tried on the first guess, one Cholesky factorisation each; the last is enough for
+#: uniqueness in floating point (`alignment.solver.fast_solver`), what is less is maximised first.
+MARGINS = np.array([1e-2, 1e-4, 1e-6, 1e-8])
+ENOUGH = 1e-8
 BARRIER_STEPS = 80
 
 
@@ -158,9 +160,10 @@ def barrier(X, E, s, enough, hopeless, gap):
         slope[14] = pull - weight
         for i in range(15):
             step[i] = -slope[i]
-        if not cholesky(H, 15):
+        if cholesky(H, 15):
+            solve_cholesky(H, step, 15)
+        elif not _step_by_reflections(Li, E, weight, step):
             return s, steps
-        solve_cholesky(H, step, 15)
         decrement = 0.0
         for i in range(15):
             decrement -= slope[i] * step[i]
@@ -231,6 +234,61 @@ def _barrier_derivatives(W, V, E, H, slope):
                         b *= 2.0
                     a += _VALUE[k, c] * _VALUE[m, d] * b
             H[k, m] = a
+
+
+@njit(cache=True)
+def _step_by_reflections(Li, E, weight, step):
+    """Return the Newton step from the root of the Hessian, half of whose digits are lost.
+
+    With Y the columns vec(L⁻¹NₖL⁻ᵀ) and −vec(L⁻¹EL⁻ᵀ) the Hessian is YᵀY and the slope
+    −Yᵀvec(I), less the weight in the last; QR of Y by Householder reflections.
+    """
+    Y, b = np.empty((45, 16)), np.zeros(15)
+    r = 0
+    for i in range(9):
+        for j in range(i + 1):
+            twice = 1.0 if i == j else np.sqrt(2.0)
+            for k in range(14):
+                a = 0.0
+                for c in range(_COUNT[k]):
+                    p, q = _ROW[k, c], _COLUMN[k, c]
+                    d = Li[i, p] * Li[j, q]
+                    if p != q:
+                        d += Li[i, q] * Li[j, p]
+                    a += _VALUE[k, c] * d
+                Y[r, k] = twice * a
+            a = 0.0
+            for p in range(j + 1):
+                a -= Li[i, p] * E[p] * Li[j, p]
+            Y[r, 14] = twice * a
+            Y[r, 15] = 1.0 if i == j else 0.0
+            r += 1
+    for k in range(15):
+        size = 0.0
+        for i in range(k, 45):
+            size += Y[i, k] * Y[i, k]
+        size = np.sqrt(size)
+        if not size > 0.0:
+            return False
+        if Y[k, k] > 0.0:
+            size = -size
+        first = Y[k, k] - size
+        for m in range(k + 1, 16):
+            a = first * Y[k, m]
+            for i in range(k + 1, 45):
+                a += Y[i, k] * Y[i, m]
+            a /= size * first
+            Y[k, m] += a * first
+            for i in range(k + 1, 45):
+                Y[i, m] += a * Y[i, k]
+        Y[k, k] = size
+    b[14] = weight / Y[14, 14]
+    for i in range(14, -1, -1):
+        a = Y[i, 15] + b[i]
+        for k in range(i + 1, 15):
+            a -= Y[i, k] * step[k]
+        step[i] = a / Y[i, i]
+    return True
 
 
 @njit(cache=True)

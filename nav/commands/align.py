@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> None:
     sequence = load(arguments.path)
     results, noise = align_recording(sequence, options)
     if arguments.proof is not None:
-        write_proofs(sequence.name, results, arguments.proof)
+        write_proofs(sequence.name, results, arguments.proof, options)
     if arguments.plot is not None:
         draw(results, options, sequence.name, arguments.plot)
     if arguments.json:

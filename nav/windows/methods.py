@@ -27,6 +27,14 @@ def clock_model(options: WindowOptions, noise: WindowNoise) -> ClockModel:
     )
 
 
+class Believed(NamedTuple):
+    """What a cost was made of: rows with the σ they were weighted with, and what else is known."""
+
+    rows: AlignmentRows
+    clock: ClockModel
+    priors: tuple[Prior, ...]
+
+
 class Solved(NamedTuple):
     """What one method says about one window."""
 
@@ -36,6 +44,7 @@ class Solved(NamedTuple):
     chi2_per_dof: float = float("nan")
     bound: float = float("nan")
     result: AlignmentResult | None = None
+    believed: Believed | None = None
 
 
 def solve(
@@ -47,9 +56,12 @@ def solve(
     clock, correlated = clock_model(options, noise), noise.correlated
     priors = _priors(options, C_en)
     if options.method == "robust":
-        return _judged(align_robust(rows, clock, correlated=correlated, priors=priors).result)
+        robust = align_robust(rows, clock, correlated=correlated, priors=priors)
+        kept = rows.take(robust.inliers).correlated(correlated)
+        return _judged(robust.result, Believed(kept, clock, priors))
     if options.method == "certified":
-        return _judged(align(rows, clock, correlated=correlated, priors=priors))
+        result = align(rows, clock, correlated=correlated, priors=priors)
+        return _judged(result, Believed(rows.correlated(correlated), clock, priors))
     problem = build_problem(rows, clock, correlated=correlated)
     if options.method == "gauss-newton":
         found = gauss_newton(problem)
@@ -70,10 +82,10 @@ def _priors(options: WindowOptions, C_en: FloatArray) -> tuple[Prior, ...]:
     return (up_prior([0.0, 0.0, -1.0], C_en, np.radians(options.level_deg)),)
 
 
-def _judged(result: AlignmentResult) -> Solved:
+def _judged(result: AlignmentResult, believed: Believed) -> Solved:
     """Return the overall verdict, or the names of the verdicts that did not pass."""
     failed = "not " + ", ".join(v.name for v in result.failed)
     chi2 = result.cost / result.dof if result.dof > 0 else float("nan")
     sigma = float(np.sqrt(result.cov_w[2, 2]))
     status = "PASSED" if result.passed else failed
-    return Solved(status, result.C_ew, sigma, chi2, result.bound, result)
+    return Solved(status, result.C_ew, sigma, chi2, result.bound, result, believed)

@@ -14,7 +14,7 @@ from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray, wrap_angle
-from .methods import clock_model, solve
+from .methods import Believed, clock_model, solve
 from .noise import WindowNoise, fit_window_noise
 from .options import WindowOptions
 from .rows import alignment_rows, local_track, prepared_observations
@@ -46,6 +46,8 @@ class WindowResult:
         All of them; none for methods that give none.
     result : AlignmentResult or None
         What they are about.
+    believed : Believed or None
+        And the rows it was made from.
     """
 
     start: float
@@ -61,6 +63,7 @@ class WindowResult:
     bound: float = float("nan")
     verdicts: tuple[Verdict, ...] = ()
     result: AlignmentResult | None = None
+    believed: Believed | None = None
 
     def __repr__(self) -> str:
         heading, sigma = self.heading % math.tau, self.sigma_heading
@@ -179,6 +182,7 @@ def align_window(
         start, epochs, len(rows), mean, solved.status, heading, solved.sigma_heading, error_rad,
         solved.chi2_per_dof, "", solved.bound,
         () if solved.result is None else solved.result.verdicts, solved.result,
+        solved.believed,
     )  # fmt: skip
 
 

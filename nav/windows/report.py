@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
-from ...alignment.proofs.exact import exact_proof
-from ...alignment.proofs.proof import write
+from ...alignment.proofs.evidence import Evidence
+from ...alignment.proofs.exact import evidence_of, exact_proof
+from ...alignment.proofs.proof_file import write
 from ...alignment.result import Ask, Verdict
 from ...filters.errors import AlignmentError
 from .noise import WindowNoise
@@ -24,17 +26,28 @@ _COLUMNS = (
 )  # fmt: skip
 
 
-def write_proofs(name: str, results: list[WindowResult], path: Path) -> None:
+def write_proofs(
+    name: str, results: list[WindowResult], path: Path, options: WindowOptions
+) -> None:
     """Write the exact proofs of the windows that have one, passed or not."""
     proofs = []
-    for r in results:
+    for number, r in enumerate(results):
         if r.result is not None:
             label = f"{name}, {r.start - results[0].start:.1f} s ({r.status})"
-            proof = exact_proof(r.result.problem.Q, r.result.minimum, label)
-            proofs += [] if proof is None else [proof]
+            proof = exact_proof(r.result.problem.Q, r.result.minimum, label, evidence(r))
+            proofs += [] if proof is None else [replace(proof, window=number)]
     if not proofs:
         raise AlignmentError(f"{name}: no window has an optimum that could be proved exactly")
-    write(path, name, proofs)
+    # Floats as text, which is exact; `certnav verify --rows` cuts the same windows again.
+    how = {k: v.hex() if isinstance(v, float) else v for k, v in asdict(options).items()}
+    write(path, name, proofs, how)
+
+
+def evidence(result: WindowResult) -> Evidence | None:
+    """Return the rows that a window's cost was made from."""
+    if result.believed is None:
+        return None
+    return evidence_of(result.believed.rows, result.believed.clock, result.believed.priors)
 
 
 def as_dict(

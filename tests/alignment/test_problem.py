@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import time
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -121,6 +123,42 @@ def test_random_walk_has_constant_and_per_epoch_clocks_as_limits(rows):
     wild = build_problem(rows, ClockModel("random-walk", 1e4))
     free = build_problem(rows, ClockModel("per-epoch"))
     np.testing.assert_allclose(wild.Q, free.Q, atol=1e-6 * np.trace(free.Q))
+
+
+def many_rows(rng, k, per_epoch=8):
+    """Return k rows, eight an epoch, in an order that is not that of time."""
+    order, epoch = rng.permutation(k), np.arange(k) // per_epoch
+    e = rng.normal(size=(k, 3))
+    e /= np.linalg.norm(e, axis=1, keepdims=True)
+    vel = 10.0 * np.stack([np.sin(epoch / 20.0), np.cos(epoch / 17.0), np.sin(epoch / 9.0)], -1)
+    walk = np.cumsum(0.1 * np.sqrt(0.2) * rng.normal(size=epoch[-1] + 1))[epoch]
+    sigma = rng.uniform(0.03, 0.3, k)
+    z = np.einsum("ki,ki->k", e, vel) - 100.0 - walk + sigma * rng.normal(size=k)
+    rows = AlignmentRows(e, vel, z, sigma, epoch, 0.2 * epoch)
+    return rows.take(order)
+
+
+@pytest.mark.parametrize("q", [1e-6, 0.1, 10.0])
+def test_whitened_rows_have_unit_covariance_in_any_order(rng, q):
+    rows = many_rows(rng, 60)
+    elapsed = rows.time - rows.time.min()
+    covariance = np.diag(rows.sigma**2) + q**2 * np.minimum.outer(elapsed, elapsed)
+    root = np.linalg.cholesky(covariance)
+    np.testing.assert_allclose(
+        (white := ClockModel("random-walk", q).whiten(rows, root)) @ white.T, np.eye(60), atol=1e-9
+    )
+
+
+def test_a_walking_clock_costs_time_and_memory_in_proportion_to_the_rows(rng):
+    clock, rows = ClockModel("random-walk", 0.1), many_rows(rng, 100_000)
+    build_problem(rows.take(slice(80)), clock)  # compiled
+    tracemalloc.start()
+    began = time.process_time()
+    problem = build_problem(rows, clock, rows.e_e)
+    took, (_, peak) = time.process_time() - began, tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert took < 2.0 and peak < 300e6
+    assert problem.cost(np.eye(3)) / problem.dof == pytest.approx(1.0, abs=0.02)
 
 
 def test_linear_clock_absorbs_a_drift_rate_that_the_constant_one_does_not(rng):

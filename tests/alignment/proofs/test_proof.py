@@ -7,40 +7,50 @@ import dataclasses
 import json
 import random
 import sys
+import time
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import certnav.alignment.proofs.evidence as evidence_module
 import certnav.alignment.proofs.proof as proof_module
-from certnav.alignment.problem import build_problem
-from certnav.alignment.proofs.exact import exact_proof
-from certnav.alignment.proofs.proof import check, forms, positive_definite, read, rotation, write
+import certnav.alignment.proofs.proof_file as file_module
+from certnav.alignment.priors import up_prior, with_priors
+from certnav.alignment.problem import ClockModel, build_problem
+from certnav.alignment.proofs.exact import evidence_of, exact_proof
+from certnav.alignment.proofs.proof import check, forms, positive_definite, rotation
+from certnav.alignment.proofs.proof_file import read, write
 from certnav.alignment.reference.simulation import simulate_window
 from certnav.alignment.solver.constraints import constraint_matrices
 from certnav.alignment.solver.fast_solver import fast_minimum
 from certnav.alignment.solver.refinement import rotation_angle
+from certnav.alignment.status import GAP
 from certnav.filters.errors import DataError
 
 
 def proved(seed: int, satellites: int = 5, motion: str = "3d", sigma: float = 0.1):
-    Q = build_problem(
-        simulate_window(np.random.default_rng(seed), satellites, motion, sigma=sigma).rows
-    ).Q
+    rows = simulate_window(np.random.default_rng(seed), satellites, motion, sigma=sigma).rows
+    Q = build_problem(rows).Q
     minimum = fast_minimum(Q)
-    return exact_proof(Q, minimum, "window"), minimum
+    return exact_proof(Q, minimum, "window", evidence_of(rows, ClockModel(), ())), minimum
 
 
 def test_checker_uses_nothing_but_exact_arithmetic():
-    tree = ast.parse(Path(proof_module.__file__).read_text(encoding="utf-8"))
     imported = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            imported |= {alias.name.split(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            imported.add(node.module.split(".")[0])
-    assert imported <= set(sys.stdlib_module_names) | {"filters"}
+    for module in (proof_module, file_module, evidence_module):
+        tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                imported.add(node.module.split(".")[0])
+    assert imported <= set(sys.stdlib_module_names) | {"filters", "evidence", "proof"}
+
+
+def test_what_counts_as_closed_is_the_same_as_in_floating_point():
+    assert float(proof_module.GAP) == GAP
 
 
 def test_forms_vanish_on_exact_rotations():
@@ -78,8 +88,8 @@ def test_positive_definite_decides_where_floats_cannot():
 def test_minima_are_proved_with_a_small_gap(motion, satellites, sigma):
     found, minimum = proved(satellites, satellites, motion, sigma)
     checked = check(found)
-    assert checked.proved and "for this Q every rotation costs" in checked.reason
-    assert 0 < checked.relative_gap < 1e-10
+    assert checked.proved and "rows every rotation costs" in checked.reason
+    assert 0 < checked.gap < 1e-12 * minimum.scale
     assert float(checked.cost) == pytest.approx(minimum.cost, abs=1e-11 * minimum.scale)
     C = np.array([[float(c) for c in row] for row in rotation(found.quaternion)])
     assert rotation_angle(C, minimum.C) < 1e-10
@@ -115,40 +125,60 @@ def test_tampering_is_refused():
     assert not check(dataclasses.replace(found, quaternion=(0, 0, 0, 0))).proved
 
 
-def test_gap_is_relative_to_the_trace_of_the_diagonal():
+def test_a_constant_hides_no_gap():
+    """tr Q grows without bound with a constant that changes no difference of costs."""
     found, _ = proved(7)
-    Q = np.zeros((10, 10))
-    Q[np.triu_indices(10)] = [float(q) for q in found.Q]
-    gap = float(found.cost - found.bound) / np.trace(Q)
-    assert float(check(found).relative_gap) == pytest.approx(gap, rel=1e-12)
+    found = dataclasses.replace(found, evidence=None)
+    worse = dataclasses.replace(found, bound=found.bound - 1)
+    assert check(found).proved and not check(worse).proved
+    for constant in (Fraction(10**6), Fraction(10**30)):
+
+        def raised(proof, constant=constant):
+            Q = (*proof.Q[:-1], proof.Q[-1] + constant)
+            cost, bound = proof.cost + constant, proof.bound + constant
+            return dataclasses.replace(proof, Q=Q, cost=cost, bound=bound)
+
+        assert check(raised(found)).proved and check(raised(found)).gap == check(found).gap
+        assert "may not be the best" in check(raised(worse)).reason
 
 
-def test_units_of_the_cost_do_not_matter():
-    """tr Q far below one: the same proof."""
-    found, minimum = proved(8)
-    factor = Fraction(1, 10**9)
-    small = dataclasses.replace(
-        found, Q=tuple(factor * q for q in found.Q), bound=factor * found.bound,
-        multipliers=tuple(factor * m for m in found.multipliers), cost=factor * found.cost,
-    )  # fmt: skip
-    assert minimum.scale * float(factor) < 1.0
-    assert check(small).proved and check(small).relative_gap == check(found).relative_gap
+def test_a_proof_is_of_its_own_rows():
+    """Another Q has its proofs too: with a lower cost, a constant, the cost of other rows."""
+    found, _ = proved(7)
+    own = found.evidence
+    assert check(found).proved
+    (first, *others), *_ = (own.rows,)
+    for k, by in ((0, 1e-6), (4, 1e-4), (6, 1e-3), (7, 1e-5)):
+        row = tuple(v + by if i == k else v for i, v in enumerate(first))
+        changed = dataclasses.replace(own, rows=(row, *others))
+        checked = check(dataclasses.replace(found, evidence=changed))
+        assert not checked.proved and "Q is not that of its rows" in checked.reason
+    other, _ = proved(8)
+    assert not check(dataclasses.replace(found, evidence=other.evidence)).proved
+    fewer = dataclasses.replace(own, rows=own.rows[1:], epoch=own.epoch[1:])
+    assert not check(dataclasses.replace(found, evidence=fewer)).proved
 
 
-@pytest.mark.parametrize("trace", [0, -1])
-def test_a_matrix_without_a_positive_trace_proves_nothing(trace):
-    """tr Q is what the gap is small against: without one everything would be small."""
-    entries = tuple(Fraction(trace if i == j == 0 else 0) for i, j in proof_module.UPPER)
-    quaternion = (1, 0, 0, 0)
-    cost = proof_module.cost_of(entries, quaternion)
-    proof = proof_module.Proof("", entries, (Fraction(1),) * 20, cost - 1, quaternion, cost)
-    checked = check(proof)
-    assert not checked.proved and "tr Q is not positive" in checked.reason
+@pytest.mark.parametrize(
+    "clock",
+    [ClockModel(), ClockModel("linear"), ClockModel("per-epoch"), ClockModel("random-walk", 0.3)],
+    ids=lambda clock: clock.kind,
+)
+def test_q_from_rows_in_integers_is_that_of_floating_point(clock, rng):
+    rows = simulate_window(rng, 5, sigma=0.1, clock_walk=0.1, clock_drift=300.0).rows
+    rows = rows.take(rng.permutation(len(rows)))
+    prior = up_prior([0.0, 0.1, -1.0], np.eye(3), 0.03)
+    problem = with_priors(build_problem(rows, clock, correlated=2.5), [prior])
+    evidence = evidence_of(rows, clock, [prior], 2.5)
+    assert evidence_module.parsed(evidence.as_dict()) == evidence
+    Q = [[float(q) for q in row] for row in evidence_module.cost_matrix(evidence)]
+    np.testing.assert_allclose(Q, problem.Q, rtol=0.0, atol=1e-13 * np.trace(problem.Q))
 
 
 def test_a_weaker_bound_is_not_passed_off_as_an_optimum():
     found, minimum = proved(4)
-    lower = dataclasses.replace(found, bound=found.bound - Fraction(minimum.scale) / 1000)
+    lower = dataclasses.replace(found, bound=found.bound - Fraction(1, 90))
+    assert minimum.scale > 1e4  # a millionth of it was once called closed
     checked = check(lower)
     assert not checked.proved and "may not be the best" in checked.reason
 
@@ -179,10 +209,20 @@ def test_files_round_trip_and_bad_ones_are_refused(tmp_path):
     assert read(path) == [found, found]
     content = json.loads(path.read_text())
     for key, value, message in (
-        ("bound", 1.5, "fraction as text"),
+        ("bound", 1.5, "no exact number"),
+        ("bound", 1, "fraction of at most"),
+        ("bound", "1/3", "powers of two"),
         ("bound", "1/0", "proof 1"),
+        ("bound", "1e1000000000", "fraction of at most"),
+        ("bound", "NaN", "fraction of at most"),
+        ("cost", "9" * 1001, "fraction of at most"),
         ("Q", ["1"] * 54, "55 entries"),
-        ("quaternion", [1.0, 0, 0, 0], "4 integers"),
+        ("label", "\x1b[2Jproved", "printable"),
+        ("label", "a\u202eb", "printable"),
+        ("label", "x" * 201, "printable"),
+        ("evidence", None, "proof 1"),
+        ("quaternion", [True, 0, 0, 0], "integers"),
+        ("quaternion", [1.0, 0, 0, 0], "no exact number"),
     ):
         wrong = json.loads(json.dumps(content))
         wrong["proofs"][0][key] = value
@@ -198,4 +238,55 @@ def test_files_round_trip_and_bad_ones_are_refused(tmp_path):
         read(path)
     path.write_text("{")
     with pytest.raises(DataError, match="no JSON"):
+        read(path)
+
+
+HOSTILE = {
+    "no end of brackets": b"[" * 1_000_000,
+    "keys without end": b'{"a":' * 1_000_000,
+    "a billion digits": b'{"format": 1' + b"0" * 10_000_000 + b"}",
+    "exponents": b'{"format": 1e400}',
+    "a huge exponent": b'{"version": 1e1000000000}',
+    "no number": b'{"version": NaN}',
+    "infinity": b'{"version": -Infinity}',
+    "a key twice": b'{"format": "certnav alignment proof", "format": "certnav alignment proof"}',
+    "too large": b" " * 16_000_001,
+    "no text": b"\xff\xfe{}",
+    "nothing": b"",
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_files_are_refused_in_one_line_and_at_once(tmp_path, name):
+    path = tmp_path / "proof.json"
+    path.write_bytes(HOSTILE[name])
+    began = time.process_time()
+    with pytest.raises(DataError) as refused:
+        read(path)
+    assert time.process_time() - began < 1.0
+    assert "\n" not in str(refused.value) and len(str(refused.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("rows", []),
+        ("rows", ["0x1p0"] * 50),
+        ("rows", "0x1p0"),
+        ("clock", "sundial"),
+        ("clock_walk", "-0x1p0"),
+        ("clock_walk", "0x1p5000"),
+        ("clock_walk", "nan"),
+        ("clock_walk", "0x" + "1" * 1_000_000),
+        ("priors", [" ".join(["inf"] * 10)]),
+        ("epoch", ["1"]),
+    ],
+)
+def test_hostile_rows_are_refused(tmp_path, key, value):
+    path = tmp_path / "proof.json"
+    write(path, "drive", [proved(6)[0]])
+    content = json.loads(path.read_text())
+    content["proofs"][0]["evidence"][key] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(DataError, match="proof 1: "):
         read(path)

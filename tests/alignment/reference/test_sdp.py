@@ -60,7 +60,9 @@ def test_moment_matrix_is_the_optimum_where_the_relaxation_is_tight(windows):
         dual = solve_dual(problem.Q)
         x = lift(window.C_ew)
         np.testing.assert_allclose(dual.Z, np.outer(x, x), atol=1e-5)
-        for C in rotations_from_moments(dual.Z):
+        *near, other = rotations_from_moments(dual.Z)
+        assert np.linalg.det(other) == pytest.approx(1.0)
+        for C in near:
             assert np.linalg.det(C) == pytest.approx(1.0)
             assert np.degrees(rotation_angle(C, window.C_ew)) < 1e-3
 
@@ -68,9 +70,17 @@ def test_moment_matrix_is_the_optimum_where_the_relaxation_is_tight(windows):
 def test_two_optima_are_both_recovered_from_their_mean(rotations):
     for C1, C2 in zip(rotations[:20], rotations[20:40], strict=True):
         x, y = lift(C1), lift(C2)
-        _, *found = rotations_from_moments(0.5 * (np.outer(x, x) + np.outer(y, y)))
+        _, *found, _ = rotations_from_moments(0.5 * (np.outer(x, x) + np.outer(y, y)))
         distance = [[rotation_angle(C, other) for other in (C1, C2)] for C in found]
         assert min(np.trace(distance), np.trace(distance[::-1])) < 1e-6
+
+
+def test_two_optima_half_a_turn_apart_are_recovered_from_any_mixture(rotations):
+    for C1 in rotations[:20]:
+        C2 = C1 @ np.diag([-1.0, 1.0, -1.0])
+        x, y = lift(C1), lift(C2)
+        first, *_, last = rotations_from_moments(0.8 * np.outer(x, x) + 0.2 * np.outer(y, y))
+        assert rotation_angle(first, C1) < 1e-6 and rotation_angle(last, C2) < 1e-6
 
 
 def test_scaling_the_problem_scales_the_solution(windows):

@@ -126,10 +126,11 @@ class TestQuarticForm:
         np.testing.assert_allclose(np.linalg.det(super_fibonacci(10)), 1.0)
 
 
-def test_what_a_solver_leaves_of_the_slope_is_in_units_of_the_cost(monkeypatch, problems):
-    """A rotation short of the minimum, as if handed over by the solver: honest in every unit."""
+def test_a_solver_that_stops_short_is_brought_to_the_end(monkeypatch, problems):
+    """A rotation short of the minimum, as if handed over by the solver."""
     Q = 1e3 * problems[0]
-    C = fast_minimum(Q).C @ matrix_from_rotvec([0.02, -0.01, 0.03])
+    best = fast_minimum(Q)
+    C = best.C @ matrix_from_rotvec([0.02, -0.01, 0.03])
 
     def stopped(scaled):
         X, slope = fast_numpy.smallest_gram(gram(scaled, C))
@@ -137,11 +138,16 @@ def test_what_a_solver_leaves_of_the_slope_is_in_units_of_the_cost(monkeypatch, 
 
     monkeypatch.setattr(fast_numpy, "solve", stopped)
     found = fast_minimum(Q, backend="numpy")
+    assert found.status is AlignmentStatus.CERTIFIED
+    assert rotation_angle(found.C, best.C) < 1e-9
+    np.testing.assert_allclose(found.hessian, hessian(Q, found.C), atol=1e-9 * found.scale)
+    monkeypatch.setattr(fast_numpy, "own_bottom", lambda scaled, C: [C])
+    monkeypatch.setattr(fast_numpy, "low_bottoms", lambda scaled, C: [C])
+    found = fast_minimum(Q, backend="numpy")
     np.testing.assert_allclose(found.slope, gradient(Q, C), rtol=1e-9)
-    np.testing.assert_allclose(found.hessian, hessian(Q, C), rtol=1e-6, atol=1e-6 * found.scale)
     assert found.cost == pytest.approx(cost(Q, C), rel=1e-12)
-    assert found.status is AlignmentStatus.NOT_TIGHT and found.best_margin < 0.0
-    assert found.lower_bound == pytest.approx(found.cost - found.scale, rel=0.1)
+    assert found.status is AlignmentStatus.NUMERICAL
+    assert found.lower_bound <= best.cost
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -262,7 +268,7 @@ def test_both_backends_find_the_lower_of_two_mirrored_basins():
         assert one.cost == pytest.approx(other.cost, abs=1e-12 * one.scale)
         lowest = local_minima(Q).cost[0]
         assert one.cost <= lowest + 1e-12 * one.scale
-        assert one.gap < 1e-9 and other.gap < 1e-9
+        assert one.gap < 1e-9 * one.scale and other.gap < 1e-9 * one.scale
         starts.append(one.starts)
     assert max(starts) > 3
 

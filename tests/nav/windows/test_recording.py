@@ -177,7 +177,17 @@ def test_proofs_are_written_verified_and_refused_when_tampered_with(data_dir, tm
     assert "OUABCK" in table and "Doppler σ assumed" in table
     assert main(["verify", str(proof)]) == 0
     assert "3 of 3 proofs hold" in capsys.readouterr().out
+    assert main(["verify", str(proof), "--rows", path]) == 0
+    assert "3 of 3 proofs hold, in exact arithmetic; they are about the rows of" in (
+        capsys.readouterr().out
+    )
     content = json.loads(proof.read_text())
+    # The proof of one window under the name of another: true, but not of this recording's rows.
+    content["proofs"][0]["window"] = 1
+    proof.write_text(json.dumps(content))
+    assert main(["verify", str(proof)]) == 0
+    assert main(["verify", str(proof), "--rows", path]) == 1
+    assert "Q is not that of its rows" in capsys.readouterr().out
     content["proofs"][1]["multipliers"][4] = "7"
     proof.write_text(json.dumps(content))
     assert main(["verify", str(proof)]) == 1
