@@ -76,7 +76,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     ),
     "imu.noise": ("preset", *_NOISE_FIELDS, *_NOISE_UNITS),
     "antenna": ("lever_frd_m", "lever_sigma_m", "source"),
-    "vehicle": ("mounting_rpy_deg", "wheels_frd_m"),
+    "vehicle": ("mounting_rpy_deg", "mounting_sigma_deg", "wheels_frd_m", "wheels_sigma_m"),
     "gnss": ("file", "format", "separator", *_TIME_KEYS, *_PVT_KEYS),
     "rinex": ("observations", "navigation", "systems", "signals"),
     "odometer": (

@@ -40,6 +40,12 @@ from .declaration import (
 from .pvt_columns import read_pvt, read_timed
 from .reference import read_reference
 
+#: How well a mounting is known that was judged by eye, 1σ [deg]: 5° out of square is seen.
+_BY_EYE = 5.0
+#: And the point of the wheels, measured with a tape, or not at all [m]: a rear axle is within 4 m
+#: (2σ) of any IMU in a car.
+_TAPE, _ANYWHERE = 0.1, 2.0
+
 
 def is_declared(folder: Path) -> bool:
     """Return whether the folder holds ``sequence.toml``."""
@@ -76,7 +82,8 @@ def read_declared(path: str | Path) -> Sequence:
             "(observations and navigation)"
         )
     vehicle = declared.sections["vehicle"]
-    wheels = lever(vehicle, "wheels_frd_m", "") if vehicle.has("wheels_frd_m") else np.zeros(3)
+    measured = vehicle.has("wheels_frd_m")
+    wheels = lever(vehicle, "wheels_frd_m", "") if measured else np.zeros(3)
     calibration = Calibration(
         imu=spec,
         lever_antenna_b=lever_b,
@@ -84,8 +91,9 @@ def read_declared(path: str | Path) -> Sequence:
         lever_antenna_sigma=float(antenna.numbers("lever_sigma_m", (1,), "", np.zeros(1))[0]),
         C_bv=C_bv,
         lever_vehicle_b=wheels,
-        # Vehicle constraints need both the mounting and the point the wheels constrain.
-        mounting_source=f"declared in {NAME}" if vehicle.has("wheels_frd_m") else "",
+        mounting_source=f"declared in {NAME}",
+        mounting_sigma=np.radians(_sigma(vehicle, "mounting_sigma_deg", _BY_EYE)),
+        lever_vehicle_sigma=_sigma(vehicle, "wheels_sigma_m", _TAPE if measured else _ANYWHERE),
     )
     reference, reference_notes = read_reference(declared, lever_b, wheels)
     time, course = _course(fixes, reference, observations, navigation)
@@ -114,6 +122,14 @@ def read_declared(path: str | Path) -> Sequence:
             *reference_notes,
         ),
     )
+
+
+def _sigma(section: Section, key: str, default: float) -> float:
+    """Return a declared 1σ; 0 is exact."""
+    sigma = float(section.numbers(key, (1,), "", np.array([default]))[0])
+    if sigma < 0.0:
+        raise section.refuse(key, "a number ≥ 0")
+    return sigma
 
 
 def _one_kind_of_time(declared: Declaration) -> None:
