@@ -41,6 +41,9 @@ _GTIME_OF_GPS_EPOCH = 315964800
 MOUNT_RPY_DEG = (180.0, -6.79, 185.35)
 IMU_V = np.array([0.0, 0.0, -0.65])
 ANTENNA_V = np.array([0.0, -0.05, -0.65])
+#: How well: printed to a hundredth of a degree, and not said how found [rad]; the vehicle point is
+#: right below the IMU, which no rear axle was measured to be [m].
+_MOUNT_SIGMA, _POINT_SIGMA = float(np.radians(1.0)), 1.0
 
 #: How late the IMU's stamps are against the positions [s]; see above.
 IMU_LAG = 0.12
@@ -124,6 +127,8 @@ def read_rtklibexplorer(path: str | Path, *, imu_lag: float = IMU_LAG) -> Sequen
             C_bv=C_bv,
             lever_vehicle_b=C_bv @ -IMU_V,
             mounting_source="drive_config.py of the set",
+            mounting_sigma=_MOUNT_SIGMA,
+            lever_vehicle_sigma=_POINT_SIGMA,
         ),
         fixes=fixes,
         reference=reference,

@@ -42,6 +42,11 @@ from .reference import read_reference
 
 #: A delay of time stamps that is not known to this is not to be estimated, but found [s].
 _LARGEST_DELAY = 1.0
+#: How well a mounting is known that was judged by eye, 1σ [deg]: 5° out of square is seen.
+_BY_EYE = 5.0
+#: And the point of the wheels, measured with a tape, or not at all [m]: a rear axle is within 4 m
+#: (2σ) of any IMU in a car.
+_TAPE, _ANYWHERE = 0.1, 2.0
 
 
 def is_declared(folder: Path) -> bool:
@@ -79,7 +84,8 @@ def read_declared(path: str | Path) -> Sequence:
             "(observations and navigation)"
         )
     vehicle = declared.sections["vehicle"]
-    wheels = lever(vehicle, "wheels_frd_m", "") if vehicle.has("wheels_frd_m") else np.zeros(3)
+    measured = vehicle.has("wheels_frd_m")
+    wheels = lever(vehicle, "wheels_frd_m", "") if measured else np.zeros(3)
     calibration = Calibration(
         imu=spec,
         lever_antenna_b=lever_b,
@@ -88,8 +94,9 @@ def read_declared(path: str | Path) -> Sequence:
         delay_sigma=_delay_sigma(declared),
         C_bv=C_bv,
         lever_vehicle_b=wheels,
-        # Vehicle constraints need both the mounting and the point the wheels constrain.
-        mounting_source=f"declared in {NAME}" if vehicle.has("wheels_frd_m") else "",
+        mounting_source=f"declared in {NAME}",
+        mounting_sigma=np.radians(_sigma(vehicle, "mounting_sigma_deg", _BY_EYE)),
+        lever_vehicle_sigma=_sigma(vehicle, "wheels_sigma_m", _TAPE if measured else _ANYWHERE),
     )
     reference, reference_notes = read_reference(declared, lever_b, wheels)
     time, course = _course(fixes, reference, observations, navigation)
@@ -118,6 +125,14 @@ def read_declared(path: str | Path) -> Sequence:
             *reference_notes,
         ),
     )
+
+
+def _sigma(section: Section, key: str, default: float) -> float:
+    """Return a declared 1σ; 0 is exact."""
+    sigma = float(section.numbers(key, (1,), "", np.array([default]))[0])
+    if sigma < 0.0:
+        raise section.refuse(key, "a number ≥ 0")
+    return sigma
 
 
 def _one_kind_of_time(declared: Declaration) -> None:

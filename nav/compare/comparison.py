@@ -141,11 +141,8 @@ def _judged(
     """Navigate without spells; return the sequence with a reference to judge by, and notes."""
     undisturbed = navigate(sequence, config)
     notes = [f"without spells, as configured: {_in_short(undisturbed, sequence)}"]
-    if not sequence.calibration.mounting_source and config.vehicle.nhc == "auto":
-        notes.append(
-            "the mounting of the IMU is not declared: +vehicle is standstill only "
-            "(--set vehicle.nhc=on to constrain all the same)"
-        )
+    if undisturbed.installation is not None:
+        notes.append(f"+vehicle, as configured: {undisturbed.installation}")
     if sequence.reference is None:
         smoothing = dataclasses.replace(config.filter, smooth=True)
         best = navigate(sequence, dataclasses.replace(config, filter=smoothing)).trajectory

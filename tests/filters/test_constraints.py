@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from certnav.filters import constraints
+from certnav.filters.earth import OMEGA_IE_E
 from certnav.filters.error_model import GYRO_BIAS, ErrorModel
 from certnav.filters.levers import VehiclePoint, VehiclePrior, VehicleStates
 from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy
 from certnav.filters.sensors import imu_preset
+from certnav.nav.config import VehicleConfig
+from certnav.nav.engine.vehicle import VehicleConstraints
+from oracles import rigs
 from oracles.derivatives import central_differences, moved
 
 OMEGA = np.array([0.02, -0.05, 0.35])
@@ -127,3 +131,49 @@ def test_standing_still_is_consistent_with_zero_rate(city_drive):
     zaru = constraints.zero_rate(state, 15, k.omega_ib_b[0], np.zeros(3), 1e-5)
     assert np.abs(zaru.z).max() == pytest.approx(0.0, abs=1e-9)
     assert np.abs(constraints.zero_velocity(state, 15, 0.01).z).max() < 1e-9
+
+
+def estimated(rng, interval, seconds=160.0):
+    """Normalised errors of mounting and wheel point after a drive whose tyres and springs give way.
+
+    Attitude and velocity are known. What the car does sideways and upwards all the same is a
+    Gauss-Markov process: 0.04 m/s for 20 s, 0.13 m/s for 10 s.
+    """
+    prior = VehiclePrior(0.1, 2.0)
+    kalman = rigs.filter_at_rest(1.0, vehicle=prior)
+    model = kalman.model
+    kalman.P[:15] = kalman.P[:, :15] = 0.0
+    kalman.P[:15, :15] = 1e-12 * np.eye(15)
+    truth, slip = VehicleStates(model), np.zeros(2)
+    x = np.zeros(model.size)
+    x[model.mounting], x[model.wheel] = rng.normal(0.0, 0.1, 2), rng.normal(0.0, 2.0, 2)
+    truth.feed_back(x)
+    true = truth.point(C_BV, LEVER)
+    sigma, tau = np.array([0.04, 0.13]), np.array([20.0, 10.0])
+    nhc = VehicleConstraints(rigs.calibration(), VehicleConfig(interval_s=interval)).sigma_nhc
+    phi, slip = np.exp(-interval / tau), sigma * rng.standard_normal(2)
+    for t in np.arange(0.0, seconds, interval):
+        slip = phi * slip + np.sqrt(1.0 - phi**2) * sigma * rng.standard_normal(2)
+        # A turn of 10 s every 40 s, over bumps.
+        rate_b = C_BV @ [0.0, 0.05 * np.sin(2.0 * t), 0.3 * (t % 40.0 < 10.0)]
+        vel_b = true.C_bv @ np.r_[12.0, slip] - np.cross(rate_b, true.lever_b)
+        kalman.vel_e = kalman.C_eb @ vel_b
+        kalman.omega_b = rate_b + kalman.C_eb.T @ OMEGA_IE_E
+        point = kalman.vehicle.point(C_BV, LEVER)
+        state, n = kalman.state, model.size
+        kalman.update(constraints.non_holonomic(state, n, kalman.omega_b, point, nhc))
+    found = kalman.vehicle.point(C_BV, LEVER)
+    turn = found.C_bv.T @ true.C_bv
+    error = np.r_[turn[0, 2], turn[1, 0], (found.C_bv.T @ (true.lever_b - found.lever_b))[[0, 2]]]
+    return error, kalman.P[15:, 15:].copy()
+
+
+@pytest.mark.parametrize("interval", [0.3, 1.0])
+def test_what_lasts_is_no_news_however_often_it_is_asked(interval):
+    """NEES of mounting and wheel point as of chance; many constraints a second know no more."""
+    rng = np.random.default_rng(11)
+    runs = [estimated(rng, interval) for _ in range(12)]
+    nees = np.array([e @ np.linalg.solve(P, e) for e, P in runs])
+    assert 2.0 < nees.mean() < 5.0  # of 4; χ² of 48 lies within 2.6 … 5.7
+    sigma = np.sqrt(np.diag(runs[0][1]))
+    np.testing.assert_allclose(sigma[:3], [0.0035, 0.0018, 0.2], rtol=0.5)

@@ -7,7 +7,7 @@ import pytest
 
 from certnav.alignment.levelling import InitialAttitude
 from certnav.filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
-from certnav.filters.levers import AntennaPrior
+from certnav.filters.levers import AntennaPrior, VehiclePrior
 from certnav.filters.rotation import matrix_from_rpy
 from certnav.filters.strapdown import NavState
 from certnav.nav.config import FilterConfig
@@ -92,3 +92,19 @@ def test_the_report_says_how_it_was_found():
     assert start(method="given").report(0.0).status == "given"
     tried = start(attempts=((1.0, "no"), (2.0, "yes")))
     assert tried.report(0.0).attempts == ((1.0, "no"), (2.0, "yes"))
+
+
+@pytest.mark.parametrize("method", ["level+course", "given", "certified"])
+def test_a_heading_by_course_is_as_uncertain_as_the_mounting(method):
+    """And goes with it: the vehicle's own heading, φ_v = C_bvᵀ φ + μ, is known as before."""
+    C_bv = matrix_from_rpy([0.02, -0.05, 0.3])
+    model = ErrorModel(rigs.IMU, vehicle=VehiclePrior(0.1, 2.0))
+    calibration = rigs.calibration(C_bv=C_bv)
+    P = start_filter(start(method=method), STREAM, calibration, model, FilterConfig()).P
+    down_b, yaw = C_bv[:, 2], model.mounting.start + 1
+    own = down_b @ np.diag([1e-4, 4e-4, 9e-4]) @ down_b
+    by_course = method == "level+course"
+    assert down_b @ P[ATT, ATT] @ down_b == pytest.approx(own + 0.01 * by_course)
+    h = np.zeros(model.size)
+    h[ATT], h[yaw] = down_b, 1.0
+    assert h @ P @ h == pytest.approx(own + 0.01 * (not by_course))
