@@ -20,7 +20,7 @@ from .engine.gnss import gnss_timeline
 from .engine.legs import Course, Leg, legs, told
 from .engine.model import error_model
 from .engine.vehicle import VehicleConstraints
-from .engine.watch.doubts import doubts
+from .engine.watch.doubts import doubts, outages
 from .notes import Note, clock, plain
 from .solution import Solution, Trajectory
 from .sweep import in_order
@@ -86,7 +86,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     updates = tuple(update for leg in made for update in leg.updates)
     notes = [
         *said, *plain(sequence.notes), *timeline.notes, *_imu_gaps(sequence),
-        *blind_notes(spells, blind),
+        *blind_notes(spells, blind), *outages(updates, made[-1].until),
         *doubts(updates, config.filter.gate_probability),
     ]  # fmt: skip
     if status == "ok" and any(note.doubtful for note in notes):
