@@ -114,6 +114,21 @@ def persistent_faults(fixes: Sequence[Linearised]) -> tuple[Persistent, ...]:
     return tuple(_joined([f for f, _ in faults], seen[s]) for s, faults in sorted(found.items()))
 
 
+def variance_factor(fixes: Sequence[Linearised]) -> float:
+    """Return by what the variance of what stays is too small, at least 1: the worst stretch's.
+
+    What is too little to accuse a satellite may still be more than sound ones show; how much more,
+    the residuals say: each as far as it is what stays, not noise, that it varies by.
+    """
+    worst = 1.0
+    for stretch in _stretches(fixes):
+        names = sorted({str(s) for fix in stretch for s in fix.satellites})
+        z, _, stays = _whitened(stretch, names)
+        if z.size:
+            worst = max(worst, float(stays**2 @ z**2 / (stays @ stays)))
+    return worst
+
+
 def _joined(faults: list[Persistent], stretches: int) -> Persistent:
     """Return what the stretches say of one satellite together."""
     worst = max(faults, key=lambda fault: abs(fault.bias))
@@ -145,7 +160,7 @@ def _stretches(fixes: Sequence[Linearised]) -> list[list[Linearised]]:
 
 def _faults(stretch: list[Linearised]) -> list[Persistent]:
     names = sorted({str(s) for fix in stretch for s in fix.satellites})
-    z, A = _whitened(stretch, names)
+    z, A, _ = _whitened(stretch, names)
     if not z.size:
         return []
     blamed, suspects = _blamed(z, A, len(names))
@@ -167,8 +182,12 @@ def _faults(stretch: list[Linearised]) -> list[Persistent]:
     ]
 
 
-def _whitened(stretch: list[Linearised], names: list[str]) -> tuple[FloatArray, FloatArray]:
+def _whitened(
+    stretch: list[Linearised], names: list[str]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what the fixes say of [b₀; b₁]: ``z = A b + η``, η of unit covariance if all is sound.
+
+    Last, the share of sound satellites' b in the variance of each z.
 
     Position and clocks are eliminated in each fix; of the normal equations that remain the
     directions with information are kept.
@@ -199,10 +218,11 @@ def _whitened(stretch: list[Linearised], names: list[str]) -> tuple[FloatArray, 
     values, axes = values[known], axes[:, known]
     sigma = systematic / np.maximum(count, 1.0)
     sound = np.concatenate([sigma, _SLOPE * sigma]) ** 2
-    cov = (axes.T * sound) @ axes + np.diag(1.0 / values)
-    root = np.linalg.cholesky(cov)
+    staying = (axes.T * sound) @ axes
+    root = np.linalg.cholesky(staying + np.diag(1.0 / values))
     z = np.linalg.solve(root, axes.T @ right / together / values)
-    return z, np.linalg.solve(root, axes.T)
+    share = np.linalg.solve(root, np.linalg.solve(root, staying).T)
+    return z, np.linalg.solve(root, axes.T), np.diag(share)
 
 
 def _blamed(z: FloatArray, A: FloatArray, m: int) -> tuple[tuple[int, ...], tuple[int, ...]]:

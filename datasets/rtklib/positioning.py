@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...filters.fault_exclusion import consistent_rows
 from ...filters.rotation import FloatArray
 from ..observations import GnssFixes, GnssObservations
-from .persistence import Linearised, Persistent, persistent_faults
+from .persistence import Linearised, Persistent, persistent_faults, variance_factor
 from .point_engine import Point, PointEngine, spp_options
 from .satellites import load_navigation
 
@@ -48,6 +48,9 @@ class SinglePoint:
     left_out : tuple of int
         Rows of these that took no part in any fix: all, if it is known which satellite it is, or
         if there are satellites enough without any of the suspects.
+    lasting_cov_e : ndarray, shape (n, 3, 3), optional
+        Part of each fix's covariance that no averaging over minutes takes away [m²]: orbits,
+        clocks and ionosphere, times what the residuals of minutes say that lacks.
     """
 
     fixes: GnssFixes
@@ -57,6 +60,7 @@ class SinglePoint:
     rejected: tuple[int, ...]
     persistent: tuple[Persistent, ...] = ()
     left_out: tuple[int, ...] = ()
+    lasting_cov_e: FloatArray | None = None
 
 
 def single_point(
@@ -203,12 +207,21 @@ def _wrong(epochs: list[_Epoch], observations: GnssObservations) -> tuple[Persis
             out.append(Persistent(str(sat), float(np.median(excess[gone])), int(gone.sum())))
     if out:  # what these have done to the fixes is no fault of the others
         return tuple(out)
-    fixes = [
+    return persistent_faults(_linearised(epochs, observations))
+
+
+def _linearised(epochs: list[_Epoch], observations: GnssObservations) -> list[Linearised]:
+    return [
         Linearised(e.time, observations.sat[p.used], p.H, p.residuals, p.noise, p.staying)
         for e in epochs
         if isinstance(p := e.point, Point)
     ]
-    return persistent_faults(fixes)
+
+
+def _lasting(point: Point) -> FloatArray:
+    """Return the covariance that what stays of the ranges leaves in the position."""
+    gain = np.linalg.pinv(point.H / point.sigma[:, None])[:3] / point.sigma
+    return np.asarray((gain * point.staying**2) @ gain.T)
 
 
 def _without(
@@ -259,4 +272,6 @@ def _single_point(
         tuple(int(row) for e in epochs for row in e.excluded),
         persistent,
         left_out,
+        variance_factor(_linearised(epochs, observations))
+        * np.array([_lasting(p) for p in points]).reshape(n, 3, 3),
     )

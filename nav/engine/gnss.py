@@ -213,16 +213,17 @@ def _single_point(
     )
     where = _Whereabouts(spp.fixes.time, spp.fixes.pos_e, spp.clock / SPEED_OF_LIGHT)
     scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
+    lasting = [None] * len(where.time) if spp.lasting_cov_e is None else spp.lasting_cov_e
     events = [
-        GnssEvent(time, "position", pos_e, inflated(cov, scale, floor), satellites, shared=True)
-        for time, pos_e, cov, satellites in zip(
-            where.time - where.clock,
-            spp.fixes.pos_e,
-            spp.fixes.pos_cov_e,
-            spp.satellites,
-            strict=True,
+        GnssEvent(
+            time, "position", pos_e, inflated(cov, scale, floor), satellites,
+            shared=True, lasting_e=stays,
         )
-    ]
+        for time, pos_e, cov, satellites, stays in zip(
+            where.time - where.clock, spp.fixes.pos_e, spp.fixes.pos_cov_e, spp.satellites,
+            lasting, strict=True,
+        )
+    ]  # fmt: skip
     offered = _satellites(observations, np.isfinite(observations.pseudorange))
     for time, why in spp.failed:
         at = where.true_time(time) if where.time.size else time

@@ -3,6 +3,7 @@
 Independent computations: `derivatives` of measurement models by differences, `bends` in closed
 form. Sound recordings: `recordings`, `drives` and `declarations` (a drive in every form readers
 know), `seeds` and `readers` (small ones, and how each is read). Damage: `broken_copies` (what
-``certnav check`` has to name), `faults` (in the middle of a drive), made of `damage` to files;
-`mutations` and `cases` at random, `units` taken for others.
+``certnav check`` has to name), `faults` (in the middle of a drive, made of `imu_breaks` and
+`gnss_breaks`), both with `damage` to files; `mutations` and `cases` at random, `units` taken for
+others.
 """
