@@ -8,7 +8,11 @@ import pytest
 from certnav.datasets.great.writer import write_great
 from certnav.datasets.loading import load
 from certnav.datasets.rtklib import single_point
-from certnav.datasets.rtklib.persistence import Linearised, persistent_faults
+from certnav.datasets.rtklib.persistence import (
+    Linearised,
+    persistent_faults,
+    variance_factor,
+)
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 
 SATELLITES = np.array([f"G{k:02d}" for k in range(1, 10)])
@@ -90,6 +94,14 @@ def test_wrong_for_a_while_is_said_of_that_while():
     assert fault.covers(np.array([500.0, 1000.0])).tolist() == [False, True]
     (fault,) = persistent_faults(fixes(lambda u: 60.0 * (u > -0.5), epochs=1200))
     assert fault.covers(np.array([0.0, 1e6])).all()
+
+
+def test_what_is_too_little_to_accuse_anybody_is_told_from_what_sound_ones_show():
+    sound = [variance_factor(fixes(lambda u: 0.0, systematic=1.0, seed=k)) for k in range(8)]
+    wrong = [fixes(lambda u: 8.0, seed=k) for k in range(1, 5)]
+    assert all(persistent_faults(w) == () for w in wrong)
+    assert np.median(sound) < 1.3 and min(map(variance_factor, wrong)) > 2.0
+    assert variance_factor([]) == 1.0
 
 
 @pytest.fixture(scope="module")
