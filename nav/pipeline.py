@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,11 +17,12 @@ from ..filters.strapdown import InertialStream
 from ._frames import ned_covariances
 from .config import Config
 from .engine.blind import blind_axes, blind_notes, blind_spells
+from .engine.events import GnssEvent
 from .engine.gnss import gnss_timeline
 from .engine.legs import Course, Leg, legs, told
 from .engine.model import error_model
 from .engine.vehicle import VehicleConstraints
-from .engine.watch.doubts import doubts
+from .engine.watch.doubts import doubts, outages
 from .notes import Note, clock, plain
 from .solution import Solution, Trajectory
 from .sweep import in_order
@@ -92,6 +94,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         *timeline.notes,
         *_imu_gaps(sequence),
         *blind_notes(spells, blind),
+        *outages(updates, made[-1].until),
         *doubts(updates, config.filter.gate_probability),
     ]  # fmt: skip
     if status == "ok" and any(note.doubtful for note in notes):
@@ -100,7 +103,10 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     spent = time.perf_counter() - began
     return Solution(
         name=sequence.name,
-        trajectory=trajectory_from_rows(np.vstack([leg.rows for leg in made if len(leg.rows)])),
+        trajectory=with_lasting(
+            trajectory_from_rows(np.vstack([leg.rows for leg in made if len(leg.rows)])),
+            timeline.events,
+        ),
         updates=updates,
         alignment=made[0].start.report(float(imu.time[0])),
         epochs=timeline.epochs,
@@ -139,6 +145,23 @@ def trajectory_from_rows(rows: FloatArray) -> Trajectory:
         std_gyro_bias=std_bias[:, :3],
         std_accel_bias=std_bias[:, 3:],
     )
+
+
+def with_lasting(trajectory: Trajectory, events: Iterable[GnssEvent]) -> Trajectory:
+    """Return a trajectory whose covariance contains what positions share for minutes and longer.
+
+    Every position is off by it alike, and so is the solution, however many there are: the filter,
+    for which errors fade (`gnss.position_correlation_s`), has averaged it away.
+    """
+    fixes = [e for e in events if e.kind == "position" and not e.reason]
+    if not any(e.lasting_e is not None for e in fixes):
+        return trajectory
+    none = np.zeros((3, 3))
+    lasting_e = np.array([none if e.lasting_e is None else e.lasting_e for e in fixes])
+    last = np.searchsorted([e.time for e in fixes], trajectory.time, side="right") - 1
+    C_en = C_en_of(trajectory.pos_e)
+    lasting_n = np.swapaxes(C_en, 1, 2) @ lasting_e[np.maximum(last, 0)] @ C_en
+    return replace(trajectory, cov_pos_n=trajectory.cov_pos_n + lasting_n)
 
 
 def _imu_gaps(sequence: Sequence) -> tuple[Note, ...]:

@@ -25,6 +25,10 @@ _MIN_REDUNDANCY = 2
 _MAX_VARIANCE_FACTOR = 4.0
 _MAX_DOP = 10.0
 _MIN_PSEUDORANGES = 5
+#: Iterations from the Earth's centre, and then the residuals that halve a row's weight [m]: from
+#: what an orbit 100 km off leaves, by halves down to reflections.
+_FROM_CENTRE = 7
+_SCALES = (*(30.0 * 2.0**k for k in range(9, 0, -1)), *[30.0] * 5)
 #: Epochs of raw observations that are solved; more only make it slower.
 _MAX_EPOCHS = 600
 
@@ -156,12 +160,10 @@ def _coarse_positions(observations: GnssObservations) -> Track | None:
     measured = rows.pseudorange + rows.sat_clock
     state = np.zeros((start.size, 4))
     good = np.diff(start, append=len(rows)) >= _MIN_PSEUDORANGES
-    weight = np.ones(len(rows))
-    for iteration in range(12):
+    for scale in [np.inf] * _FROM_CENTRE + [*_SCALES]:
         sight = line_of_sight(state[epoch, :3], rows.sat_pos_e, rows.sat_vel_e)
         residual = measured - sight.range - state[epoch, 3]
-        if iteration > 6:  # converged from the Earth's centre: now reflections lose their weight
-            weight = 1.0 / (1.0 + (residual / 30.0) ** 2)
+        weight = 1.0 / (1.0 + (residual / scale) ** 2)
         H = np.column_stack([-sight.e_e, np.ones(len(rows))])
         normal = np.add.reduceat(weight[:, None, None] * H[:, :, None] * H[:, None, :], start)
         right = np.add.reduceat((weight * residual)[:, None] * H, start)

@@ -5,24 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import pyrtklib5 as rtk
 from numpy.typing import NDArray
 
-from ...filters.earth import SPEED_OF_LIGHT
-from ...filters.errors import ConfigError
 from ...filters.fault_exclusion import consistent_rows
 from ...filters.rotation import FloatArray
 from ..observations import GnssFixes, GnssObservations
-from .atmosphere import klobuchar
-from .persistence import Persistent, persistent_faults
-from .satellites import GPS_EPOCH_GTIME, gtime, load_navigation
+from .persistence import Linearised, Persistent, persistent_faults, variance_factor
+from .point_engine import Point, PointEngine, spp_options
+from .satellites import load_navigation
 
-_NAVSYS = (rtk.SYS_GPS, rtk.SYS_GLO, rtk.SYS_GAL, rtk.SYS_CMP, rtk.SYS_QZS)
-_IONOSPHERE = {"broadcast": rtk.IONOOPT_BRDC, "off": rtk.IONOOPT_OFF}
-_TROPOSPHERE = {"saastamoinen": rtk.TROPOPT_SAAS, "off": rtk.TROPOPT_OFF}
+#: How often satellites that are wrong all the time are looked for: without one, others are seen.
+_ROUNDS = 3
+#: Rows of a satellite that could have been excluded, and share of them that were, from which on it
+#: is wrong all the time.
+_MANY, _MOSTLY = 30, 0.5
+#: Satellites to spare that tell which of them is wrong.
+_SPARE = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +44,13 @@ class SinglePoint:
     rejected : tuple of int
         Rows of the observations that the residual test excluded: 'pseudorange residual'.
     persistent : tuple of Persistent
-        Satellites wrong by the same amount all the time, which that test has let pass.
+        Satellites wrong all the time, also by less than one epoch's test can tell.
+    left_out : tuple of int
+        Rows of these that took no part in any fix: all, if it is known which satellite it is, or
+        if there are satellites enough without any of the suspects.
+    lasting_cov_e : ndarray, shape (n, 3, 3), optional
+        Part of each fix's covariance that no averaging over minutes takes away [m²]: orbits,
+        clocks and ionosphere, times what the residuals of minutes say that lacks.
     """
 
     fixes: GnssFixes
@@ -52,6 +59,8 @@ class SinglePoint:
     satellites: tuple[tuple[str, ...], ...]
     rejected: tuple[int, ...]
     persistent: tuple[Persistent, ...] = ()
+    left_out: tuple[int, ...] = ()
+    lasting_cov_e: FloatArray | None = None
 
 
 def single_point(
@@ -85,7 +94,8 @@ def single_point(
     raim : bool
         Test the residuals and exclude faulty satellites (`filters.fault_exclusion`); an epoch
         whose faults cannot be told apart fails as 'inconsistent pseudoranges'. RTKLIB EX itself
-        accepts solutions that fail its test.
+        accepts solutions that fail its test. Satellites that contradict the others all the time
+        (`persistence`) are left out altogether, where it can be told which.
     significance : float
         Probability that the test accuses a fault-free epoch.
     code_sigma : float
@@ -105,202 +115,139 @@ def single_point(
         less than their covariance says. Satellites whose broadcast accuracy is 'no prediction'
         are left out by RTKLIB.
     """
-    options = _spp_options(elevation_mask, ionosphere, troposphere, code_sigma)
-    engine = _PointEngine(load_navigation(navigation), options, observations, weak_sigma)
-    take = observations.usable & ~(observations.cn0 < min_cn0)
-    take &= np.isfinite(observations.pseudorange)
-    found: list[_Point] = []
-    failed: list[tuple[float, str]] = []
-    rejected: list[int] = []
+    options = spp_options(elevation_mask, ionosphere, troposphere, code_sigma)
+    engine = PointEngine(load_navigation(navigation), options, observations, weak_sigma)
+    offered = observations.usable & ~(observations.cn0 < min_cn0)
+    offered &= np.isfinite(observations.pseudorange)
+    take = offered.copy()
+    epochs = _epochs(engine, observations, take, significance if raim else 0.0)
+    faults: dict[str, Persistent] = {}
+    for _ in range(_ROUNDS if raim else 0):
+        new = _wrong(epochs, observations)
+        out = take & _without(new, epochs, observations)
+        faults = {fault.satellite: fault for fault in new} | faults
+        if not out.any():
+            break
+        take &= ~out
+        epochs = _epochs(engine, observations, take, significance)
+    left_out = tuple(np.flatnonzero(offered & ~take).tolist())
+    return _single_point(epochs, tuple(faults.values()), left_out, observations)
+
+
+class _Epoch(NamedTuple):
+    """What became of one epoch: its fix or why there is none, and what was excluded for it.
+
+    Parameters
+    ----------
+    time : float
+    point : Point or str
+    excluded : ndarray of int
+        Rows.
+    excess : ndarray
+        By how much these are too long [m].
+    tested : ndarray of int
+        Rows that could have been excluded.
+    """
+
+    time: float
+    point: Point | str
+    excluded: NDArray[np.int64]
+    excess: FloatArray
+    tested: NDArray[np.int64]
+
+
+def _epochs(
+    engine: PointEngine,
+    observations: GnssObservations,
+    take: NDArray[np.bool_],
+    significance: float,
+) -> list[_Epoch]:
+    """Solve all epochs from the rows of `take`, excluding what fails the residual test."""
+    out = []
     for time, rows in observations.epochs():
         index = np.flatnonzero(take[rows]) + rows.start
         _, first = np.unique(observations.sat[index], return_index=True)
-        index = index[np.sort(first)]
-        point = engine.solve(index)
-        if raim and isinstance(point, _Point):
-            keep = consistent_rows(point.H, point.residuals, point.sigma, significance)
-            if keep is None:
-                point = "inconsistent pseudoranges"
-            elif not keep.all():
-                rejected += point.used[~keep].tolist()
-                point = engine.solve(point.used[keep])
-        if isinstance(point, _Point):
-            found.append(point)
-        else:
-            failed.append((time, point))
-    return _single_point(found, failed, rejected, observations)
+        out.append(_epoch(engine, float(time), index[np.sort(first)], significance))
+    return out
 
 
-#: C/N0 of a signal that nothing weakens [dB-Hz].
-_STRONG = 45.0
+def _epoch(
+    engine: PointEngine, time: float, index: NDArray[np.int64], significance: float
+) -> _Epoch:
+    none, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
+    point = engine.solve(index)
+    if isinstance(point, str) or not significance:
+        return _Epoch(time, point, none, nothing, none)
+    spare = point.used.size - np.linalg.matrix_rank(point.H)
+    tested = point.used if spare >= _SPARE else none
+    keep = consistent_rows(point.H, point.residuals, point.sigma, significance)
+    if keep is None:
+        return _Epoch(time, "inconsistent pseudoranges", none, nothing, tested)
+    if keep.all():
+        return _Epoch(time, point, none, nothing, tested)
+    weight = 1.0 / point.sigma[keep, None]
+    x = np.linalg.lstsq(point.H[keep] * weight, point.residuals[keep] * weight[:, 0], rcond=None)[0]
+    excess = (point.residuals - point.H @ x)[~keep]
+    return _Epoch(time, engine.solve(point.used[keep]), point.used[~keep], excess, tested)
 
 
-class _Point(NamedTuple):
-    """One pntpos solution, linearised: residuals = H·δx + ε for the rows it used."""
-
-    pos_e: FloatArray
-    cov_e: FloatArray
-    clock: float
-    used: NDArray[np.int64]
-    H: FloatArray
-    residuals: FloatArray
-    sigma: FloatArray
-
-
-class _PointEngine:
-    """pntpos with its buffers, fed by rows of the observations."""
-
-    def __init__(
-        self, nav: Any, options: Any, observations: GnssObservations, weak_sigma: float = 0.0
-    ) -> None:
-        self._nav, self._options, self._obs = nav, options, observations
-        self._weak_sigma = weak_sigma
-        self._number = {s: rtk.satid2no(str(s)) for s in np.unique(observations.sat)}
-        self._code = {s: rtk.obs2code(str(s)) for s in np.unique(observations.signal)}
-        self._message, self._skyview = rtk.Arr1Dchar(128), rtk.Arr1Ddouble(2 * rtk.MAXOBS)
-        self._status = rtk.Arr1Dssat_t(rtk.MAXSAT)
-
-    def solve(self, index: NDArray[np.int64]) -> _Point | str:
-        """Return the solution from the rows `index` of one epoch, or why there is none."""
-        if not 4 <= index.size <= rtk.MAXOBS:
-            return f"{index.size} satellites"
-        records = rtk.Arr1Dobsd_t(int(index.size))
-        for k, row in enumerate(index):
-            self._fill(records[k], row)
-        solution = rtk.sol_t()  # position zero: pntpos starts from the Earth's centre
-        if not rtk.pntpos(
-            records.ptr,
-            int(index.size),
-            self._nav,
-            self._options,
-            solution,
-            self._skyview,
-            self._status.ptr,
-            self._message,
-        ):
-            return self._message[0].strip()
-        pos_e = np.array(list(solution.rr)[:3])
-        q = np.array(list(solution.qr))  # xx yy zz xy yz zx
-        states = [self._status[self._number[self._obs.sat[row]] - 1] for row in index]
-        valid = np.array([bool(s.vs) for s in states])
-        used = index[valid]
-        states = [s for s in states if s.vs]
-        residuals = np.array([s.resp[0] for s in states])
-        azimuth, elevation = np.array([(s.azel[0], s.azel[1]) for s in states]).T
-        sight = self._obs.sat_pos_e[used] - pos_e
-        e_e = sight / np.linalg.norm(sight, axis=1, keepdims=True)
-        letter = self._obs.sat[used].astype("<U1")
-        letter[letter == "J"] = "G"  # QZSS runs on the clock of GPS
-        clocks = letter[:, None] == np.unique(letter)
-        point = _Point(
-            pos_e,
-            q[[0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(3, 3),
-            SPEED_OF_LIGHT * solution.dtr[0],
-            used,
-            np.column_stack([-e_e, clocks]),
-            residuals,
-            self._sigma(used, pos_e, azimuth, elevation),
-        )
-        return point if self._weak_sigma == 0.0 else self._reweighted(point, letter)
-
-    def _reweighted(self, point: _Point, letter: NDArray[np.str_]) -> _Point:
-        """Return the solution with weak signals weighted down: one more step from RTKLIB's.
-
-        RTKLIB knows a weight by C/N0 too, but takes C/N0 from the epoch before.
-        """
-        lost = np.maximum(_STRONG - np.nan_to_num(self._obs.cn0[point.used], nan=_STRONG), 0.0)
-        sigma = np.hypot(point.sigma, self._weak_sigma * 10.0 ** (lost / 20.0))
-        weighted = point.H / sigma[:, None]
-        inverse = np.linalg.pinv(weighted)
-        step = inverse @ (point.residuals / sigma)
-        gps = int(np.argmax(np.unique(letter) == "G"))
-        return point._replace(
-            pos_e=point.pos_e + step[:3],
-            cov_e=(inverse @ inverse.T)[:3, :3],
-            clock=point.clock + float(step[3 + gps]),
-            residuals=point.residuals - point.H @ step,
-            sigma=sigma,
-        )
-
-    def _fill(self, record: Any, row: int) -> None:
-        """Fill a blank obsd_t with the pseudorange of one row; pntpos needs nothing else."""
-        obs = self._obs
-        whole = np.floor(obs.time[row])
-        record.time.time = int(whole) + GPS_EPOCH_GTIME
-        record.time.sec = float(obs.time[row] - whole)
-        record.sat = self._number[obs.sat[row]]
-        record.rcv = 1
-        record.code[0] = self._code[obs.signal[row]]
-        record.P[0] = float(obs.pseudorange[row])
-        record.SNR[0] = float(np.nan_to_num(obs.cn0[row]))
-
-    def _sigma(
-        self,
-        used: NDArray[np.int64],
-        pos_e: FloatArray,
-        azimuth: FloatArray,
-        elevation: FloatArray,
-    ) -> FloatArray:
-        """Return the 1σ that pntpos gives its pseudoranges [m]; it does not hand them out."""
-        obs, options = self._obs, self._options
-        sine = np.sin(np.maximum(elevation, np.radians(5.0)))
-        system = np.where(np.char.startswith(obs.sat[used], "R"), rtk.EFACT_GLO, 1.0)
-        code = system**2 * options.err[1] ** 2 * (1.0 + 1.0 / sine)
-        if options.ionoopt == rtk.IONOOPT_OFF:
-            ionosphere = np.full(used.size, 5.0)
-        else:
-            at_l1 = klobuchar(self._nav, obs.time[used], pos_e, azimuth, elevation)
-            ionosphere = 0.5 * at_l1 * (obs.wavelength[used] * rtk.FREQL1 / rtk.CLIGHT) ** 2
-        if options.tropopt == rtk.TROPOPT_OFF:
-            troposphere = np.full(used.size, 3.0)
-        else:
-            troposphere = 0.3 / (np.sin(elevation) + 0.1)
-        orbit = [self._orbit_variance(row) for row in used]
-        return np.sqrt(code + ionosphere**2 + troposphere**2 + 0.3**2 + np.array(orbit))
-
-    def _orbit_variance(self, row: int) -> float:
-        state, clock = rtk.Arr1Ddouble(6), rtk.Arr1Ddouble(2)
-        variance, health = rtk.Arr1Ddouble(1), rtk.Arr1Dint(1)
-        time = gtime(self._obs.time[row])
-        number = self._number[self._obs.sat[row]]
-        rtk.satpos(time, time, number, rtk.EPHOPT_BRDC, self._nav, state, clock, variance, health)
-        return variance[0]
+def _wrong(epochs: list[_Epoch], observations: GnssObservations) -> tuple[Persistent, ...]:
+    """Return the satellites that are wrong all the time: excluded mostly, or wrong on average."""
+    out: list[Persistent] = []
+    count = len(observations)
+    excluded, excess, tested = (np.zeros(count, bool), np.zeros(count), np.zeros(count, bool))
+    for epoch in epochs:
+        excluded[epoch.excluded] = True
+        excess[epoch.excluded] = epoch.excess
+        tested[epoch.tested] = True
+    for sat in np.unique(observations.sat[excluded]):
+        rows = (observations.sat == sat) & tested
+        gone = rows & excluded
+        if rows.sum() >= _MANY and gone.sum() > _MOSTLY * rows.sum():
+            out.append(Persistent(str(sat), float(np.median(excess[gone])), int(gone.sum())))
+    if out:  # what these have done to the fixes is no fault of the others
+        return tuple(out)
+    return persistent_faults(_linearised(epochs, observations))
 
 
-def _spp_options(
-    elevation_mask: float, ionosphere: str, troposphere: str, code_sigma: float
-) -> Any:
-    for name, value, known in (
-        ("ionosphere", ionosphere, _IONOSPHERE),
-        ("troposphere", troposphere, _TROPOSPHERE),
-    ):
-        if value not in known:
-            raise ConfigError(f"{name}: expected one of {', '.join(known)}, found {value!r}")
-    if not 0.0 <= elevation_mask < np.pi / 2 or not code_sigma > 0.0:
-        raise ConfigError(
-            "single point: expected elevation_mask in [0, π/2) rad and code_sigma > 0 m, "
-            f"found {elevation_mask!r} and {code_sigma!r}"
-        )
-    options = rtk.prcopt_t()
-    options.mode = rtk.PMODE_SINGLE
-    options.nf = 1
-    options.navsys = sum(_NAVSYS)
-    options.elmin = elevation_mask
-    options.sateph = rtk.EPHOPT_BRDC
-    options.ionoopt = _IONOSPHERE[ionosphere]
-    options.tropopt = _TROPOSPHERE[troposphere]
-    # code σ² = eratio² (err[1]² + err[2]²/sin(el)); RTKLIB's own 300 × 3 mm is 0.9 m
-    options.eratio[0] = 1.0
-    options.err[0], options.err[1], options.err[2] = 100.0, code_sigma, code_sigma
-    return options
+def _linearised(epochs: list[_Epoch], observations: GnssObservations) -> list[Linearised]:
+    return [
+        Linearised(e.time, observations.sat[p.used], p.H, p.residuals, p.noise, p.staying)
+        for e in epochs
+        if isinstance(p := e.point, Point)
+    ]
+
+
+def _lasting(point: Point) -> FloatArray:
+    """Return the covariance that what stays of the ranges leaves in the position."""
+    gain = np.linalg.pinv(point.H / point.sigma[:, None])[:3] / point.sigma
+    return np.asarray((gain * point.staying**2) @ gain.T)
+
+
+def _without(
+    faults: tuple[Persistent, ...], epochs: list[_Epoch], observations: GnssObservations
+) -> NDArray[np.bool_]:
+    """Return the rows to leave out: of several suspects all, if enough remains to be tested."""
+    out = np.zeros(len(observations), dtype=bool)
+    for fault in faults:
+        names = [fault.satellite, *fault.suspects]
+        spare = [
+            int(np.sum(~np.isin(observations.sat[p.used], names))) - p.H.shape[1]
+            for e in epochs
+            if isinstance(p := e.point, Point)
+        ]
+        if not fault.suspects or (spare and np.median(spare) >= _SPARE):
+            out |= np.isin(observations.sat, names) & fault.covers(observations.time)
+    return out
 
 
 def _single_point(
-    points: list[_Point],
-    failed: list[tuple[float, str]],
-    rejected: list[int],
+    epochs: list[_Epoch],
+    persistent: tuple[Persistent, ...],
+    left_out: tuple[int, ...],
     observations: GnssObservations,
 ) -> SinglePoint:
+    points = [e.point for e in epochs if isinstance(e.point, Point)]
     n = len(points)
     factor = np.ones(n)
     for k, point in enumerate(points):
@@ -317,17 +264,14 @@ def _single_point(
         satellites=np.array([len(p.used) for p in points], dtype=np.int64),
         quality=np.full(n, "single"),
     )
-    satellites = tuple(tuple(map(str, observations.sat[p.used])) for p in points)
     return SinglePoint(
         fixes,
         np.array([p.clock for p in points], dtype=float),
-        tuple(failed),
-        satellites,
-        tuple(rejected),
-        persistent_faults(
-            satellites,
-            [p.H for p in points],
-            [p.residuals for p in points],
-            [p.sigma for p in points],
-        ),
+        tuple((e.time, e.point) for e in epochs if isinstance(e.point, str)),
+        tuple(tuple(map(str, observations.sat[p.used])) for p in points),
+        tuple(int(row) for e in epochs for row in e.excluded),
+        persistent,
+        left_out,
+        variance_factor(_linearised(epochs, observations))
+        * np.array([_lasting(p) for p in points]).reshape(n, 3, 3),
     )

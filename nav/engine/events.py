@@ -42,6 +42,9 @@ class GnssEvent:
         Doppler of the epoch for alignment in motion, whatever became of its velocity.
     shared : bool
         Whether most of a position's error is that of the positions around it.
+    lasting_e : ndarray, shape (3, 3), optional
+        Covariance of what a position shares with all others for minutes and longer [m²]: no
+        filter can average it away.
     """
 
     time: float
@@ -53,6 +56,7 @@ class GnssEvent:
     observations: GnssObservations | None = None
     epoch: DopplerEpoch | None = None
     shared: bool = False
+    lasting_e: FloatArray | None = None
 
 
 def missing(

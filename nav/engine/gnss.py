@@ -22,6 +22,7 @@ from ...datasets.sequence import Sequence
 from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray
+from ...velocity.least_squares import REJECTED
 from ..config import GnssConfig
 from ..notes import Note, plain
 from ..rejections import rejections
@@ -45,6 +46,10 @@ class GnssTimeline:
 
 #: Fewer rows of a satellite than this say nothing about it.
 _MANY = 30
+#: Reason given to rows of satellites that are wrong all the time.
+_WRONG = "contradicts the other satellites all the time"
+#: Rows of an epoch that tell which of them is wrong: two more than velocity and clock drift.
+_TESTED = 6
 #: 1σ per axis added to a least-squares velocity that no residual has checked [m/s].
 _UNCHECKED = 3.0
 
@@ -76,9 +81,10 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
     observations = sequence.observations.mark(
         sequence.observations.cn0 < config.min_cn0_dbhz, "weak signal"
     )
-    events, where, faulty = [], None, np.zeros(len(observations), dtype=bool)
+    events, where = [], None
+    faulty, wrong = (np.zeros(len(observations), dtype=bool) for _ in range(2))
     if position in ("spp", "rtk"):
-        events, where, faulty, doubts = _single_point(observations, sequence, config)
+        events, where, faulty, wrong, doubts = _single_point(observations, sequence, config)
         notes += doubts
         if position == "rtk":
             lost = ~np.isin(observations.time, where.time)  # code that no fix vouches for
@@ -100,12 +106,15 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
                 "gnss.velocity: Doppler needs an approximate position, and there is none — "
                 "add navigation files for single-point positions"
             )
-        velocities, observations = _doppler(observations, where, config)
+        # Whose orbit is wrong all the time has no line of sight and no velocity to speak of.
+        observations = observations.mark(wrong, _WRONG)
+        velocities, observations, tested = _doppler(observations, where, config)
         events += velocities
+        notes += tuple(_always_refused(observations, tested))
     elif velocity == "carried":
         assert sequence.fixes is not None
         events += _carried(sequence.fixes, "velocity", config)
-    # Marked last: a faulty pseudorange says nothing about the Doppler, which has its own test.
+    # Marked last: one faulty pseudorange says nothing about the Doppler, which has its own test.
     observations = observations.mark(faulty, "pseudorange residual")
     return GnssTimeline(_in_order(events), epochs, observations, notes)
 
@@ -184,8 +193,12 @@ def _carried(fixes: GnssFixes, kind: str, config: GnssConfig) -> list[GnssEvent]
 
 def _single_point(
     observations: GnssObservations, sequence: Sequence, config: GnssConfig
-) -> tuple[list[GnssEvent], _Whereabouts, NDArray[np.bool_], tuple[Note, ...]]:
-    """Return single-point positions as events and as whereabouts, faulty rows, and notes."""
+) -> tuple[list[GnssEvent], _Whereabouts, NDArray[np.bool_], NDArray[np.bool_], tuple[Note, ...]]:
+    """Return single-point positions as events and as whereabouts, and notes.
+
+    Between them rows whose pseudorange took no part, and those of satellites that are wrong all
+    the time.
+    """
     from ...datasets.rtklib import single_point
 
     spp = single_point(
@@ -200,47 +213,61 @@ def _single_point(
     )
     where = _Whereabouts(spp.fixes.time, spp.fixes.pos_e, spp.clock / SPEED_OF_LIGHT)
     scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
+    lasting = [None] * len(where.time) if spp.lasting_cov_e is None else spp.lasting_cov_e
     events = [
-        GnssEvent(time, "position", pos_e, inflated(cov, scale, floor), satellites, shared=True)
-        for time, pos_e, cov, satellites in zip(
-            where.time - where.clock,
-            spp.fixes.pos_e,
-            spp.fixes.pos_cov_e,
-            spp.satellites,
-            strict=True,
+        GnssEvent(
+            time, "position", pos_e, inflated(cov, scale, floor), satellites,
+            shared=True, lasting_e=stays,
         )
-    ]
+        for time, pos_e, cov, satellites, stays in zip(
+            where.time - where.clock, spp.fixes.pos_e, spp.fixes.pos_cov_e, spp.satellites,
+            lasting, strict=True,
+        )
+    ]  # fmt: skip
     offered = _satellites(observations, np.isfinite(observations.pseudorange))
     for time, why in spp.failed:
         at = where.true_time(time) if where.time.size else time
         reason = f"no fix: {_category(why)}"
         events.append(missing(at, "position", reason, offered[time]))
-    faulty = np.zeros(len(observations), dtype=bool)
-    faulty[list(spp.rejected)] = True
-    return events, where, faulty, (*_always_refused(observations, faulty), *_persistent(spp))
+    faulty, wrong = (np.zeros(len(observations), dtype=bool) for _ in range(2))
+    wrong[list(spp.left_out)] = True
+    faulty[[*spp.rejected, *spp.left_out]] = True
+    return events, where, faulty, wrong, tuple(_persistent(spp, observations, wrong))
 
 
-def _persistent(spp: SinglePoint) -> Iterator[Note]:
-    """Name the satellites that are wrong all the time by less than one epoch's test can tell."""
+def _persistent(
+    spp: SinglePoint, observations: GnssObservations, wrong: NDArray[np.bool_]
+) -> Iterator[Note]:
+    """Name the satellites whose pseudoranges are wrong all the time, left out or not."""
+    gone = set(observations.sat[wrong])
     for fault in spp.persistent:
-        yield Note(
-            "doubtful",
-            f"{fault.satellite}: its pseudoranges contradict the other satellites by "
-            f"{fault.bias:+.0f} m on the average of {fault.fixes} fixes, which are off by some of "
-            "it: wrong ephemeris? give another navigation file, or one without it",
+        who = " or ".join([fault.satellite, *fault.suspects])
+        text = (
+            f"{who}: its pseudoranges contradict the other satellites by {fault.bias:+.0f} m "
+            f"on the average of {fault.fixes} fixes"
         )
+        cause = "wrong ephemeris, or reflected all the time?"
+        if fault.satellite in gone:
+            yield Note("note", f"{text}, and are left out: {cause}")
+        else:
+            yield Note(
+                "doubtful",
+                f"{text}, which are off by some of it: {cause} give another navigation file, or "
+                "one without it",
+            )
 
 
-def _always_refused(observations: GnssObservations, faulty: NDArray[np.bool_]) -> Iterator[Note]:
-    """Name the satellites whose pseudoranges the residual test excludes most of the time."""
-    for sat in np.unique(observations.sat[faulty]):
-        rows = (observations.sat == sat) & observations.usable
-        share = float(faulty[rows].mean()) if rows.sum() >= _MANY else 0.0
+def _always_refused(observations: GnssObservations, tested: NDArray[np.bool_]) -> Iterator[Note]:
+    """Name the satellites whose Doppler is excluded most of the time where it could be."""
+    refused = tested & (observations.rejected == REJECTED)
+    for sat in np.unique(observations.sat[refused]):
+        rows = (observations.sat == sat) & tested
+        share = float(refused[rows].mean()) if rows.sum() >= _MANY else 0.0
         if share > 0.5:
             yield Note(
                 "note",
-                f"{sat}: {100 * share:.0f} % of its pseudoranges contradict the other satellites "
-                "and are left out: wrong ephemeris?",
+                f"{sat}: {100 * share:.0f} % of its Doppler contradicts the other satellites "
+                "and is left out: wrong ephemeris?",
             )
 
 
@@ -273,10 +300,11 @@ def _masked(
 
 def _doppler(
     observations: GnssObservations, where: _Whereabouts, config: GnssConfig
-) -> tuple[list[GnssEvent], GnssObservations]:
+) -> tuple[list[GnssEvent], GnssObservations, NDArray[np.bool_]]:
     """Return for every epoch a least-squares velocity, else its rows, else the reason.
 
-    Rows that the residual test of least squares excludes come back marked.
+    Rows that the residual test of least squares excludes come back marked; last, which rows it
+    could have excluded.
     """
     from ...velocity.least_squares import doppler_velocity, mark_rejected
     from ...velocity.range_rate import doppler_rows
@@ -284,10 +312,12 @@ def _doppler(
     rows = doppler_rows(observations, where.at(observations.time), doppler_noise(config))
     scale, floor = config.velocity_sigma_scale, config.velocity_sigma_floor_mps
     events, velocities = [], []
+    tested = np.zeros(len(observations), dtype=bool)
     for time, epoch in observations.epochs():
         here = rows.take(slice(*np.searchsorted(rows.row, [epoch.start, epoch.stop])))
         found = doppler_velocity(here, time)
         velocities.append(found)
+        tested[here.row] = len(here) >= _TESTED
         at = where.true_time(time)
         kept = here.take(~np.isin(here.row, found.rejected)) if found.rejected else here
         offer = DopplerEpoch(at, where.at(np.array([time]))[0], kept) if len(kept) else None
@@ -304,7 +334,7 @@ def _doppler(
         kind, reason = ("doppler", "") if few else ("velocity", found.status)
         offered = observations.take(here.row) if few else None
         events.append(missing(at, kind, reason, names, offered, offer))
-    return events, mark_rejected(observations, velocities)
+    return events, mark_rejected(observations, velocities), tested
 
 
 def _count(observations: GnssObservations) -> Epochs:

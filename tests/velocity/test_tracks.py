@@ -37,6 +37,21 @@ def test_doppler_is_the_best_there_is(drive):
     assert np.isnan(found.coarse.vel_n).all()
 
 
+@pytest.mark.parametrize("metres", [300.0, 8e3, 3e4])
+def test_one_range_wrong_by_kilometres_does_not_move_coarse_positions(drive, metres):
+    """Whichever satellite: an orbit 100 km off lengthens its ranges by up to 24 km."""
+    sound = drive.sequence().observations
+    near = tracks(drive.sequence()).coarse
+    for satellite in np.unique(sound.sat)[:6]:
+        wrong = sound.pseudorange + metres * (sound.sat == satellite)
+        observations = sound.with_columns(pseudorange=wrong)
+        found = tracks(dataclasses.replace(drive.sequence(), observations=observations))
+        off = found.coarse.pos_e - near.pos_e
+        assert len(found.coarse) == len(near)
+        assert np.median(np.linalg.norm(off, axis=1)) < 60.0
+        assert found.doppler is not None
+
+
 def test_without_doppler_what_is_carried_and_without_that_what_is_differenced(drive):
     lever = drive.calibration.lever_antenna_b
     time = np.arange(1.0, 119.0) + drive.config.start_time

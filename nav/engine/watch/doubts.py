@@ -17,6 +17,9 @@ from ....filters.rotation import FloatArray
 from ...notes import Note, clock
 from ...solution import Update
 
+#: Time without a position worth a sentence [s]: an accelerometer wrong by 0.05 m/s², as small ones
+#: are, is off by 2.5 m then, what a single fix is off by.
+_ALONE = 10.0
 #: Updates that no sensor has measured.
 _CONSTRAINTS = ("nhc", "zupt", "zaru")
 #: Refusals in a row that are worth a sentence.
@@ -47,6 +50,32 @@ def doubts(updates: Iterable[Update], gate_probability: float) -> tuple[Note, ..
         for kind, tested in by_kind.items()
         for sentence in _of(kind, tested, gate_probability)
     )
+
+
+def outages(updates: Iterable[Update], end: float) -> tuple[Note, ...]:
+    """Return a sentence if the run had to do without positions for long.
+
+    Parameters
+    ----------
+    updates : iterable of Update
+        In order of time.
+    end : float
+        Of the solution [s].
+    """
+    at = [u.time for u in updates if u.kind == "position" and u.accepted]
+    if not at:
+        return ()
+    gaps = np.diff([*at, max(end, at[-1])])
+    long = np.flatnonzero(gaps > _ALONE)
+    if not long.size:
+        return ()
+    worst = int(long[np.argmax(gaps[long])])
+    text = (
+        f"no position for more than {_ALONE:.0f} s in {long.size} spells, the longest "
+        f"{gaps[worst]:.1f} s from {clock(at[worst])}: what else there is carries the solution, "
+        "and σ grows"
+    )
+    return (Note("note", text),)
 
 
 def _of(kind: str, tested: list[Update], gate_probability: float) -> Iterator[str]:

@@ -13,7 +13,7 @@ from certnav.datasets.rtklib import (
     single_point,
     troposphere_delay,
 )
-from certnav.datasets.rtklib.positioning import _PointEngine, _spp_options
+from certnav.datasets.rtklib.point_engine import PointEngine, spp_options
 from certnav.datasets.rtklib.satellites import load_navigation
 from certnav.filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of, lla_to_ecef
 from certnav.filters.errors import ConfigError, DataError
@@ -432,8 +432,8 @@ def test_fault_test_weighs_as_pntpos_does(data_dir, systems):
     folder = data_dir / "instinct" / "tckf_static"
     nav = [folder / "reach-m2-01_raw_202306291111.nav"]
     obs = read_observations(folder / "reach-m2-01_raw_202306291111.23O", nav, systems=systems)
-    options = _spp_options(np.radians(10.0), "broadcast", "saastamoinen", 0.9)
-    engine = _PointEngine(load_navigation(nav), options, obs)
+    options = spp_options(np.radians(10.0), "broadcast", "saastamoinen", 0.9)
+    engine = PointEngine(load_navigation(nav), options, obs)
     _, rows = next(obs.epochs())
     point = engine.solve(np.flatnonzero(obs.usable[rows]))
     covariance = np.linalg.inv(point.H.T @ (point.H / point.sigma[:, None] ** 2))[:3, :3]
@@ -444,11 +444,11 @@ def test_weak_signals_are_weighted_down_by_one_more_least_squares_step(data_dir)
     folder = data_dir / "instinct" / "tckf_static"
     nav = [folder / "reach-m2-01_raw_202306291111.nav"]
     obs = read_observations(folder / "reach-m2-01_raw_202306291111.23O", nav, systems="GE")
-    options = _spp_options(np.radians(10.0), "broadcast", "saastamoinen", 1.0)
+    options = spp_options(np.radians(10.0), "broadcast", "saastamoinen", 1.0)
     _, rows = next(obs.epochs())
     use = np.flatnonzero(obs.usable[rows])
-    plain = _PointEngine(load_navigation(nav), options, obs).solve(use)
-    weighted = _PointEngine(load_navigation(nav), options, obs, 2.5).solve(use)
+    plain = PointEngine(load_navigation(nav), options, obs).solve(use)
+    weighted = PointEngine(load_navigation(nav), options, obs, 2.5).solve(use)
     added = np.sqrt(weighted.sigma**2 - plain.sigma**2)
     expected = 2.5 * 10.0 ** (np.maximum(45.0 - obs.cn0[weighted.used], 0.0) / 20.0)
     np.testing.assert_allclose(added, expected)

@@ -27,13 +27,20 @@ def single(monkeypatch):
     """Single-point positioning that says what it is told: fixes, clock [s], failures, faults."""
 
     def says(
-        time, clock=0.0, failed=(), rejected=(), satellites=ALL, pos_e=rigs.PLACE, persistent=()
+        time,
+        clock=0.0,
+        failed=(),
+        rejected=(),
+        satellites=ALL,
+        pos_e=rigs.PLACE,
+        persistent=(),
+        left_out=(),
     ):
         n = len(time)
         result = SinglePoint(
             rigs.positions(time, pos_e),
             SPEED_OF_LIGHT * np.broadcast_to(clock, n), tuple(failed), (satellites,) * n,
-            tuple(rejected), tuple(persistent),
+            tuple(rejected), tuple(persistent), tuple(left_out),
         )  # fmt: skip
         asked = {}
 
@@ -158,34 +165,49 @@ def test_a_faulty_pseudorange_is_marked_and_its_doppler_still_used(single):
 @pytest.mark.parametrize(("epochs", "wrong", "said"), [
     (30, 16, "53 %"), (30, 15, None), (29, 29, None), (31, 31, "100 %"),
 ])  # fmt: skip
-def test_a_satellite_that_is_always_refused_is_named(single, epochs, wrong, said):
-    """More than half of thirty pseudoranges and more: not chance, and not a few."""
+def test_a_satellite_whose_doppler_is_always_refused_is_named(single, epochs, wrong, said):
+    """More than half of thirty range rates and more: not chance, and not a few."""
     times = 10.0 + np.arange(epochs)
     observations = epochs_of(times)
     rows = np.flatnonzero(observations.sat == "G04")[:wrong]
-    single(times, rejected=rows.tolist())
+    rate = observations.range_rate.copy()
+    rate[rows] += 20.0
+    single(times)
+    observations = observations.with_columns(range_rate=rate)
     notes = [n.text for n in gnss_timeline(rigs.recording(observations), gnss()).notes[1:]]
     assert len(notes) == (said is not None)
     if said is not None:
-        assert notes[0].startswith(f"G04: {said} of its pseudoranges contradict")
+        assert notes[0].startswith(f"G04: {said} of its Doppler contradicts")
 
 
-def test_rows_that_were_out_already_are_not_counted_as_refused(single):
+def test_epochs_that_cannot_tell_who_is_wrong_do_not_count(single):
+    """Of 60 epochs 25 have eight satellites and refuse one; five satellites cannot."""
     times = 10.0 + np.arange(60)
     observations = epochs_of(times)
-    mine = np.flatnonzero(observations.sat == "G04")
-    observations = observations.mark(np.isin(np.arange(len(observations)), mine[40:]), "before")
-    single(times, rejected=mine[:25].tolist())
+    rate = np.where(observations.sat == "G04", 20.0, 0.0) + observations.range_rate
+    few = (observations.time >= 41.0) & np.isin(observations.sat, ["G06", "G07", "G08"])
+    observations = observations.with_columns(range_rate=np.where(few, np.nan, rate))
+    single(times)
     (note,) = gnss_timeline(rigs.recording(observations), gnss()).notes[1:]
-    assert note.text.startswith("G04: 62 %") and not note.doubtful
+    assert note.text.startswith("G04: 100 % of its Doppler") and not note.doubtful
 
 
 def test_a_satellite_that_is_wrong_all_the_time_is_doubtful(single):
-    single([10.0], persistent=[Persistent("G04", -7.4, 60)])
+    single([10.0], persistent=[Persistent("G04", -7.4, 60, suspects=("G06",))])
     found = gnss_timeline(rigs.recording(rigs.sky(time=10.0)), gnss())
     (note,) = found.notes[1:]
-    assert note.doubtful and note.text.startswith("G04: its pseudoranges contradict")
-    assert "by -7 m on the average of 60 fixes" in note.text
+    assert note.doubtful and note.text.startswith("G04 or G06: its pseudoranges contradict")
+    assert "by -7 m on the average of 60 fixes, which are off" in note.text
+
+
+def test_a_satellite_that_is_left_out_is_named_and_has_no_doppler(single):
+    single([10.0], persistent=[Persistent("G03", 512.0, 60)], left_out=[2])
+    found = gnss_timeline(rigs.recording(rigs.sky(time=10.0)), gnss())
+    (note,) = found.notes[1:]
+    assert not note.doubtful and "G03" in note.text and "left out" in note.text
+    assert found.observations.rejected[2] == "contradicts the other satellites all the time"
+    (velocity,) = of_kind(found, "velocity")
+    assert "G03" not in velocity.satellites
 
 
 def test_relative_positions_get_only_what_a_fix_vouches_for(single, monkeypatch):

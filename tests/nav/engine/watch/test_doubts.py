@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from certnav.nav.engine.watch.doubts import doubts
+from certnav.nav.engine.watch.doubts import doubts, outages
 from certnav.nav.solution import Update
 
 GATE = 1e-4
@@ -169,3 +169,14 @@ def test_a_few_gross_errors_are_no_sigma_too_small():
 def test_without_a_gate_nothing_is_too_far_out():
     (text,) = told(steady(12.0, 100), gate=0.0)
     assert "2.0 times as large" in text
+
+
+def test_long_spells_without_a_position_are_told(sound):
+    """Twenty seconds refused, thirty at the end; ten are what a run bridges anyway."""
+    updates = log(sound, refused={*range(10, 19), *range(100, 119)})
+    assert outages(updates[:99], 99.0) == () == outages([], 300.0)
+    (note,) = outages(updates, 299.0)
+    assert not note.doubtful and "in 1 spells, the longest 20.0 s from 99.00 s" in note.text
+    (note,) = outages(updates, 329.0)
+    assert "in 2 spells, the longest 30.0 s from 299.00 s" in note.text
+    assert outages(log(sound, kind="velocity"), 900.0) == ()
