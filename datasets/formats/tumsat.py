@@ -10,9 +10,10 @@ receiver's own positions.
 What the files do not say, measured on the drive against velocities that RTK-fixed positions and
 Doppler agree on (changes over 1 s, delete-a-block jackknife):
 
-time        IMU stamps are UTC: changes of speed lie 18.035 ± 0.005 s before GPS time, cornering
-            17.95 ± 0.10 s, turns 17.81 ± 0.18 s (a course leads the heading). 18 s is added; what
-            is left, 0.035 s early, is an option (`imu_lag`), not applied.
+time        IMU stamps are UTC: changes of speed lie 18.035 ± 0.005 s before GPS time against the
+            velocities that RTK agrees with, 17.978 ± 0.006 s against those of the Doppler rows:
+            18.00 ± 0.03 s. Cornering says 17.95 ± 0.10 s, turns 17.81 ± 0.18 s (a course leads
+            the heading). 18 s is added; what may be left is an option (`imu_lag`).
 axes        right-forward-up: forward force from y (gain 1.02 ± 0.03), rightward from x
             (0.93 ± 0.04), clockwise yaw from −z (0.986 ± 0.008).
 gravity     9.59 m/s² at rest, 2 % low: a turn-on bias of 21 mg that stays in the data.
