@@ -23,6 +23,8 @@ COPIED = "repeats the fix before: the log is printed faster than the receiver re
 _FAR = 1_000_000.0
 #: Accuracies that nobody has: below, it is a field left empty; above, no fix [m].
 _EMPTY, _ABSURD = 1e-9, 1000.0
+#: Negative variance in some direction, as a share of the largest, that rounded digits can make.
+_ROUNDED = 2e-4
 #: Coordinates this close are the same number, written and read [m].
 SAME = 1e-6
 #: Displacement that proves motion, beside four times its own σ [m]: a receiver that holds its
@@ -86,11 +88,20 @@ def _empty(fixes: GnssFixes) -> Iterator[tuple[NDArray[np.bool_], str]]:
     sigma = np.sqrt(np.clip(np.diagonal(fixes.pos_cov_e, axis1=1, axis2=2), 0.0, None)).max(axis=1)
     yield sigma < _EMPTY, "stated accuracy 0: unknown"
     yield sigma > _ABSURD, f"no fix: stated accuracy beyond {_ABSURD:.0f} m"
+    for what, cov in (("position", fixes.pos_cov_e), ("velocity", fixes.vel_cov_e)):
+        yield _indefinite(cov), f"covariance of the {what} is none: correlations beyond 1"
     on_earth = ~(null | off)
     if on_earth.any():
         middle = np.median(fixes.pos_e[on_earth], axis=0)
         far = on_earth & (np.linalg.norm(fixes.pos_e - middle, axis=1) > _FAR)
         yield far, f"no fix: beyond {_FAR / 1000.0:.0f} km from the others"
+
+
+def _indefinite(cov: FloatArray) -> NDArray[np.bool_]:
+    """Tell which covariances some direction has a negative variance in, beyond rounded digits."""
+    finite = np.asarray(np.isfinite(cov).all(axis=(1, 2)))
+    values = np.linalg.eigvalsh(np.where(finite[:, None, None], cov, 0.0))
+    return np.asarray(finite & (values[:, 0] < -_ROUNDED * values[:, -1]))
 
 
 def _repeated(fixes: GnssFixes, good: NDArray[np.int64]) -> Iterator[tuple[NDArray, str]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -106,6 +108,10 @@ def empty(kind: str) -> GnssFixes:
         columns["pos_cov_e"][first] = np.eye(3) * 4e6**2
     elif kind == "quality":
         columns["quality"] = np.where(first, "none", sound.quality)
+    elif kind == "correlation 2":
+        columns["pos_cov_e"][first] = [[0.01, 0.02, 0.0], [0.02, 0.01, 0.0], [0.0, 0.0, 0.01]]
+    elif kind == "velocity's correlation 2":
+        columns["vel_cov_e"][first] = [[0.01, 0.02, 0.0], [0.02, 0.01, 0.0], [0.0, 0.0, 0.01]]
     elif kind == "elsewhere":
         columns["pos_e"][first] = lla_to_ecef(LAT, LON + 1.0, 500.0)
     return GnssFixes(**columns)
@@ -113,13 +119,24 @@ def empty(kind: str) -> GnssFixes:
 
 @pytest.mark.parametrize(
     "kind",
-    ["0/0", "origin", "satellites", "accuracy 0", "accuracy 4000 km", "quality", "elsewhere"],
+    [
+        *("0/0", "origin", "satellites", "accuracy 0", "accuracy 4000 km", "quality", "elsewhere"),
+        *("correlation 2", "velocity's correlation 2"),
+    ],
 )
 def test_rows_without_a_fix_are_marked_wherever_they_stand(kind):
     found = screened(empty(kind))
     np.testing.assert_array_equal(~found.usable, np.arange(len(found)) < 12)
     ((_, rows, _, _),) = stretches(found)
     assert rows == 12
+
+
+def test_a_correlation_of_one_written_with_few_digits_is_believed():
+    sound = fixes(5.0, 30.0, lambda t: 10.0)
+    cov = np.array([[0.0400, 0.0300, 0.0], [0.0300, 0.0225, 0.0], [0.0, 0.0, 0.01]])
+    cov[0, 1] = cov[1, 0] = 0.030003
+    sound = dataclasses.replace(sound, pos_cov_e=np.tile(cov, (len(sound), 1, 1)))
+    assert screened(sound).usable.all()
 
 
 def test_screening_twice_is_screening_once():
