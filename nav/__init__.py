@@ -3,6 +3,7 @@
     config, config_files        what a run is asked, and how it is written down
     solution, notes             what it returns, what it tells
     installation                how the IMU sits in the vehicle
+    learned                     what a run found of that, for the next one
     pipeline, navigator         a whole recording; a live vehicle
     vehicles, rest              what kinds of vehicles can do; when a log stands
     rejections                  carried fixes that are not used, in words

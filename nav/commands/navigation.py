@@ -11,11 +11,13 @@ from ...datasets.cache import kept_in
 from ...datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
 from ...datasets.loading import load
 from ...datasets.physics import Refusal, collected_refusals
+from ...datasets.placing import write_file
 from ...datasets.sequence import Sequence
 from ...filters.errors import DataError
 from ..check.recording import check_sequence
 from ..config import Config
 from ..evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
+from ..learned import learned, with_calibration
 from ..notes import Note
 from ..pipeline import navigate
 from ..results.directory import check_replaceable, write_result
@@ -37,10 +39,13 @@ def navigate_folder(
     report_page: bool = True,
     table: bool = True,
     say: bool = True,
+    calibration: Path | None = None,
+    learn: Path | None = None,
 ) -> tuple[Path, str]:
     """Load, check, navigate, evaluate, write the result directory, and print the summary.
 
-    With `say` off nothing is printed.
+    With `say` off nothing is printed; `calibration` is read, and `learn` written, as of
+    `nav.learned`.
 
     Returns the directory, and the status of the solution.
     """
@@ -51,6 +56,8 @@ def navigate_folder(
         report(0.0, "reading")
         with collected_refusals() as refused:
             sequence = cut(load(path, **config.data), start, end)
+        if calibration is not None:
+            sequence = with_calibration(sequence, calibration)
         announce_kernels()  # what is missing was said before anything is compiled
         passed_over = waived(refused, config, checked)
         out = Path("results") / sequence.name if out is None else out
@@ -69,6 +76,8 @@ def navigate_folder(
             out, solution, evaluation, sequence, config, formats,
             draw=_draw if report_page else None, table=table,
         )  # fmt: skip
+    if learn is not None:
+        write_file(learn, learned(solution).encode())
     _log.info("%s: all of it in %.2f s", out, time.perf_counter() - began)
     if say:
         _print_summary(solution, evaluation, sequence, out)

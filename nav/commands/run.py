@@ -40,6 +40,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--great", metavar="NAME",
         help="the folder is this GREAT sequence (campus-01 …): take what the catalogue knows of it",
     )  # fmt: skip
+    parser.add_argument(
+        "--calibration", type=Path, metavar="FILE",
+        help="take lever arm, mounting and time offset from this file, not from the recording",
+    )  # fmt: skip
+    parser.add_argument(
+        "--write-calibration", type=Path, metavar="FILE",
+        help="write what the run has learned of them, for the next run on the same vehicle",
+    )  # fmt: skip
     parser.add_argument("--no-report", action="store_true", help="leave report.html out: faster")
     parser.add_argument("--smooth", action="store_true", help="smooth: every epoch knows all data")
     parser.add_argument(
@@ -79,6 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
         path, config, arguments.out, formats, arguments.start, arguments.end,
         checked=not arguments.unchecked, report_page=not (arguments.no_report or only),
         table=not only, say=not arguments.json,
+        calibration=arguments.calibration, learn=arguments.write_calibration,
     )  # fmt: skip
     if arguments.json:
         print((out / "summary.json").read_text(encoding="utf-8").rstrip())
