@@ -181,6 +181,9 @@ def _print_summary(
         entry[1] += 1
     for kind, (accepted, offered) in counts.items():
         print(f"  {kind:<11} {accepted} of {offered} updates used")
+    if solution.installation is not None:
+        for line in (str(solution.installation), *solution.installation.antenna.lines()):
+            print(f"  {line}")
     m = evaluation.metrics
     if m["horizontal_rms_m"] is not None:
         print(
