@@ -271,7 +271,7 @@ def _closely(found: _Found, task: _Task) -> tuple[_Found, Growth, float] | None:
     if math.sqrt(found.slope @ found.slope) > NEAR * found.t:
         (C,) = fast_numpy.own_bottom(task.scaled, found.C)
         found = found._replace(C=C)
-    q = exact.refined(integer_quaternion(found.C), scale * found.X[:3, :3])
+    q = exact.refined(integer_quaternion(found.C))
     found = _margin_at(task, rotation_of(q))._replace(counts=found.counts)
     if found.t < LEAST:
         return None
