@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 from ..priors import Prior
 from ..problem import AlignmentRows, ClockModel
 from ..solver.exact_cost import ExactCost, integer_quaternion, multipliers_at
-from ..solver.refinement import hessian
 from ..status import ProvedMinimum
 from .evidence import Evidence
 from .proof import GAP, UPPER, Proof, check, cost_of
@@ -51,7 +50,7 @@ def exact_proof(
     exact = ExactCost.of(Q)
     entries = tuple(Fraction(int(exact.entries[i, j]), 1 << exact.exponent) for i, j in UPPER)
     C, found = minimum.C, minimum.multipliers(0.5 * (Q + Q.T))
-    q = exact.refined(integer_quaternion(C), hessian(Q, C))
+    q = exact.refined(integer_quaternion(C))
     quaternion = tuple(int(v) for v in q)
     cost = cost_of(entries, quaternion)
     moved = multipliers_at(exact, q, found)

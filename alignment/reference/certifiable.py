@@ -101,6 +101,8 @@ class CertifiedMinimum:
 
     def multipliers(self, Q: ArrayLike) -> FloatArray:
         """Return the λₖ of all twenty constraints that make the same Lagrangian."""
+        if self.proof is not None:
+            return self.proof.multipliers(Q)
         proof = self.certificate
         H = lagrangian(Q, proof.primal_cost, proof.multipliers, proof.families)
         return multipliers_between(Q, H)

@@ -27,6 +27,7 @@ from ...filters.rotation import FloatArray
 from ..proofs.proof import positive_definite
 from .constraints import constraint_matrices, lift, multipliers_between
 from .quartic import lagrangian_of
+from .refinement import hessian
 
 #: Bits behind the point of quaternions, and least of matrices beyond the scale of Q.
 _UNIT, _FINE = 120, 220
@@ -69,10 +70,11 @@ class ExactCost:
         pairs = ((2, 1), (0, 2), (1, 0))
         return np.array([float(Fraction(2 * int(S[a, b] - S[b, a]), whole)) for a, b in pairs])
 
-    def refined(self, q: np.ndarray, hessian: FloatArray) -> np.ndarray:
+    def refined(self, q: np.ndarray) -> np.ndarray:
         """Return the stationary point near q: to 100 bits, where the Hessian is that of a basin."""
-        inverse, before = np.linalg.pinv(hessian, rcond=1e-14, hermitian=True), np.inf
+        Q, before = _floats(self), np.inf
         for _ in range(_STEPS):
+            inverse = np.linalg.pinv(hessian(Q, rotation_of(q)), rcond=1e-14, hermitian=True)
             step = -inverse @ self.slope(q)
             length = float(np.linalg.norm(step))
             if not length < min(0.5 * before, 0.03):

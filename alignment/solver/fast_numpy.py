@@ -19,7 +19,7 @@ MARGINS = (1e-2, 1e-4, 1e-6, 1e-8)
 ENOUGH = MARGINS[-1]
 BARRIER_STEPS, TRUST_STEPS = 80, 150
 #: Ratio of curvatures from which a basin is a valley, and curvature that rounding may have made.
-STIFF, FLAT = 1e-2, 1e-12
+STIFF, FLAT = 1e-2, 5e-13
 SAME_COST = 1e-13
 
 _NULL_ROWS = NULL_GRAMS.reshape(14, 81)
@@ -96,7 +96,7 @@ def descend(Q: FloatArray, C: FloatArray) -> tuple[FloatArray, int]:
             trial = _across(Q, trial)
         after = gram(Q, trial)
         if expected <= 1e-14:
-            if not length < min(0.5 * before, 0.1):
+            if not length < min(0.5 * before, 0.5):
                 break
             before = length
         elif G[0, 0] - after[0, 0] < 0.1 * expected:

@@ -40,6 +40,8 @@ ROUNDING = 2e-13
 #: The barrier maximises t to 1e-13. Below the first of these a margin is zero; from the second on
 #: it may be proved in integers. What lies between cannot depend on who found the rotation.
 ZERO, LEAST = 5e-13, 1e-12
+#: Slope over margin [rad] from which a rotation is brought nearer before integers refine it.
+NEAR = 1e-3
 #: Rounding of residuals in the factor of a cost, relative to √scale: a backward stable reduction.
 REDUCTION = 1e-14
 _SQRT2 = math.sqrt(2.0)
@@ -266,7 +268,10 @@ def _closely(found: _Found, task: _Task) -> tuple[_Found, Growth, float] | None:
     They start from a rotation that is the same to the last digit however it was found.
     """
     scale, exact = task.scale, ExactCost.of(task.Q, task.factor)
-    q = exact.refined(integer_quaternion(found.C), scale * found.X[:3, :3])
+    if math.sqrt(found.slope @ found.slope) > NEAR * found.t:
+        (C,) = fast_numpy.own_bottom(task.scaled, found.C)
+        found = found._replace(C=C)
+    q = exact.refined(integer_quaternion(found.C))
     found = _margin_at(task, rotation_of(q))._replace(counts=found.counts)
     if found.t < LEAST:
         return None

@@ -59,7 +59,7 @@ def test_newton_ends_where_floats_cannot_go(problem):
     found = fast_minimum(problem.Q)
     exact = ExactCost.of(problem.Q, problem.factor)
     off = integer_quaternion(found.C @ matrix_from_rotvec([1e-4, -2e-4, 1e-4]))
-    q = exact.refined(off, found.hessian)
+    q = exact.refined(off)
     assert np.linalg.norm(exact.slope(q)) < 1e-25 * found.scale
     assert rotation_angle(rotation_of(q), found.C) < 1e-12
 
@@ -67,7 +67,7 @@ def test_newton_ends_where_floats_cannot_go(problem):
 def test_a_proof_is_of_the_margin_that_there_is_and_of_no_more(problem):
     found = fast_minimum(problem.Q)
     exact = ExactCost.of(problem.Q)
-    q = exact.refined(integer_quaternion(found.C), found.hessian)
+    q = exact.refined(integer_quaternion(found.C))
     t = found.uniqueness
     assert proves(exact, q, found.gram, 0.9 * t, 1e-20 * found.scale)
     assert not proves(exact, q, found.gram, 1.2 * t, 1e-20 * found.scale)
