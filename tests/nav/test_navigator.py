@@ -1,5 +1,7 @@
 """Live and batch give the same answers; lateness and disorder are named."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -82,6 +84,17 @@ def test_live_equals_batch(name, method, delay, request):
     np.testing.assert_allclose(rows[at, 4:7], batch.trajectory.vel_e, rtol=0, atol=1e-9)
     live = {(u.time, u.kind): u.accepted for u in navigator.updates}
     assert live == {(u.time, u.kind): u.accepted for u in batch.updates}
+
+
+def test_live_finds_the_mounting_that_a_batch_finds(drive):
+    unknown = dataclasses.replace(drive.calibration, mounting_source="")
+    drive = dataclasses.replace(drive, calibration=unknown)
+    batch = navigate(drive, CONFIG).installation
+    live = feed(drive, 0.3)[0].installation
+    assert live.source == batch.source == "estimated"
+    for name in ("C_bv", "mounting_cov", "wheel_v", "wheel_sigma"):
+        np.testing.assert_allclose(getattr(live, name), getattr(batch, name), rtol=0, atol=1e-9)
+    assert batch.pitch_yaw_sigma.max() < np.radians(2.0)  # 5° before
 
 
 def test_state_is_carried_on_to_the_latest_sample(drive):

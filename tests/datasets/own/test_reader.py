@@ -680,3 +680,24 @@ def test_a_late_week_number_is_mended_and_said(drive):
     s = load(folder)
     np.testing.assert_allclose(s.imu.time, WEEK * 604800.0 + m.time + shift, rtol=0, atol=1e-6)
     assert any("imu.csv: the week number of 11 rows from line 15" in n for n in s.notes), s.notes
+
+
+@pytest.mark.parametrize(("lines", "degrees", "metres"), [
+    ("", 5.0, 2.0),
+    ("wheels_frd_m = [-0.5, 0.0, 1.4]", 5.0, 0.1),
+    ("wheels_frd_m = [-0.5, 0.0, 1.4]\nwheels_sigma_m = 0.0\nmounting_sigma_deg = 0", 0.0, 0.0),
+    ("mounting_sigma_deg = 0.5\nwheels_sigma_m = 1.0", 0.5, 1.0),
+])  # fmt: skip
+def test_the_mounting_is_known_as_well_as_it_is_declared(drive, lines, degrees, metres):
+    mounted = "mounting_rpy_deg = [0.0, 0.0, 0.0]\n"
+    calibration = load(change(drive[0], (mounted, mounted + lines + "\n"))).calibration
+    assert calibration.mounting_source == "declared in sequence.toml"
+    assert calibration.mounting_sigma == pytest.approx(np.radians(degrees))
+    assert calibration.lever_vehicle_sigma == metres
+
+
+def test_a_negative_sigma_is_refused(drive):
+    mounted = "mounting_rpy_deg = [0.0, 0.0, 0.0]\n"
+    wrong = change(drive[0], (mounted, mounted + "mounting_sigma_deg = -1.0\n"))
+    with pytest.raises(ConfigError, match="mounting_sigma_deg"):
+        load(wrong)

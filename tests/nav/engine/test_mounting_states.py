@@ -18,7 +18,7 @@ from certnav.nav.engine.events import GnssEvent
 from certnav.nav.engine.loop import FilterLoop
 from certnav.nav.engine.model import UNKNOWN, vehicle_prior
 from certnav.nav.engine.vehicle import VehicleConstraints
-from certnav.nav.installation import Installation
+from certnav.nav.installation import AntennaPlace, Installation
 from certnav.nav.pipeline import navigate
 from certnav.velocity.ddia import ddia_velocity
 from certnav.velocity.range_rate import doppler_rows
@@ -126,10 +126,13 @@ def test_without_gnss_the_filter_is_doubted_as_ever():
     assert np.linalg.norm(loop.kalman.vel_e) < 2.9
 
 
+HERE = AntennaPlace(np.zeros(3), np.zeros(3), np.zeros(3))
+
+
 def installed(rpy_deg, cov=((1e-4, 0.0), (0.0, 4e-4)), **more):
     values = {
         "off": "", "source": "estimated", "wheel_v": np.array([-1.5, 0.0, 0.4]),
-        "wheel_sigma": np.array([0.1, 0.5]),
+        "wheel_sigma": np.array([0.1, 0.5]), "antenna": HERE,
     } | more  # fmt: skip
     return Installation(
         C_bv=matrix_from_rpy(np.radians(rpy_deg)).T, mounting_cov=np.asarray(cov), **values
