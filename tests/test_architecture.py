@@ -27,7 +27,7 @@ SEEN_BY_DATASETS = {"compiled", "earth", "errors", "fault_exclusion", "rotation"
 NAV = (
     ("commands",),
     ("check", "compare", "report", "tune", "windows"),
-    ("page", "results", "spells"),
+    ("learned", "page", "results", "spells"),
     ("evaluation",),
     ("navigator", "pipeline"),
     ("engine",),
