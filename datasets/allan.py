@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ..filters.errors import ConfigError, DataError
 from ..filters.rotation import FloatArray
@@ -76,6 +75,8 @@ def axis_noise(values: FloatArray, interval: float, name: str = "axis") -> AxisN
     DataError
         No white noise in it: smoothed at all averaging times, standing still, or shaken.
     """
+    from scipy.optimize import nnls  # slow to import
+
     try:
         from allantools import oadev
     except ImportError:

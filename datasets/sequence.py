@@ -37,9 +37,6 @@ class Calibration:
         Where that value comes from.
     lever_antenna_sigma : float
         How well it is known, 1σ per axis [m]; 0: exactly, else a run estimates it.
-    delay_sigma : float
-        How well the time stamps of GNSS and IMU are known against each other, 1σ [s]; 0: exactly,
-        else a run estimates by how much GNSS is later than stamped.
     C_bv : array_like, shape (3, 3)
         Vehicle mounting: ``C_bv @ x_v == x_b``, vehicle axes forward-right-down.
     mounting_source : str
@@ -52,18 +49,21 @@ class Calibration:
         0: exactly.
     lever_vehicle_sigma : float
         The same of `lever_vehicle_b`, per axis [m].
+    delay_sigma : float
+        How well the time stamps of GNSS and IMU are known against each other, 1σ [s]; 0: exactly,
+        else a run estimates by how much GNSS is later than stamped.
     """
 
     imu: ImuSpec
     lever_antenna_b: FloatArray
     lever_antenna_source: str
     lever_antenna_sigma: float = 0.0
-    delay_sigma: float = 0.0
     C_bv: FloatArray = field(default_factory=lambda: np.eye(3))
     lever_vehicle_b: FloatArray = field(default_factory=lambda: np.zeros(3))
     mounting_source: str = ""
     mounting_sigma: float = 0.0
     lever_vehicle_sigma: float = 0.0
+    delay_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         C_bv = checked("calibration", "C_bv", self.C_bv, (3, 3))

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from certnav.filters import constraints, earth, measurements
 from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import ErrorModel
+from certnav.filters.levers import VehiclePoint
 from certnav.filters.measurements import Measurement
 from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy
 from certnav.filters.sensors import imu_preset
@@ -102,7 +103,7 @@ def offered(kalman, step, rng, turn):
         return measurements.range_rates(kalman.state, n, e_e, z, sigma, LEVER, kalman.omega_b)
     if step.kind == "nhc":
         return constraints.non_holonomic(
-            kalman.state, n, kalman.omega_b, np.eye(3), LEVER, (step.sigma, step.sigma)
+            kalman.state, n, kalman.omega_b, VehiclePoint(np.eye(3), LEVER), (step.sigma,) * 2
         )
     if step.kind == "zupt":
         return constraints.zero_velocity(kalman.state, n, step.sigma)

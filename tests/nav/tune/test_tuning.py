@@ -219,7 +219,7 @@ def test_doppler_holds_position_where_none_is_left_to_drift():
         assert spell.retention[0, 0] > 0.8
         assert spell.kept[1, 0] == 0
         assert drift[0, 0] < 5.0
-        assert drift[0, 0] < 0.5 * drift[1, 0]
+        assert drift[0, 0] < 0.8 * drift[1, 0]  # the vehicle's constraint holds it, too
     bare = dataclasses.replace(sequence, reference=None)  # judged by its own solution
     again = drift_scores(bare, Config(), np.array([30.0, 69.0]), np.array([0.05]), outages=outages)
     for judged, own in zip(found, again, strict=True):
