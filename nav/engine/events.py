@@ -51,6 +51,8 @@ class GnssEvent:
         filter can average it away.
     shared_cov_e : ndarray, shape (3, 3), optional
         Covariance of the part that `shared` is about [m²]; default: `SHARED` of the whole.
+    resolved : bool
+        Whether the ambiguities of a position's carrier phases are resolved.
     """
 
     time: float
@@ -64,6 +66,7 @@ class GnssEvent:
     shared: bool = False
     lasting_e: FloatArray | None = None
     shared_cov_e: FloatArray | None = None
+    resolved: bool = False
 
     @property
     def common_cov_e(self) -> FloatArray | None:
