@@ -79,7 +79,7 @@ class Innovations:
 
 #: What the declared variance V stands for. 'steady': what is shared has the same size all the time,
 #: V's median; a shared error that followed V would seem to be seen whenever V changes. 'allowance':
-#: what is usual of V scales; what is beyond is allowed for reflections and stays as declared.
+#: what is usual of V scales; what is beyond is allowed for reflections, and stays as declared.
 STEADY, ALLOWANCE = "steady", "allowance"
 
 
@@ -113,7 +113,9 @@ def parts(V: FloatArray, usual: FloatArray, meaning: str) -> FloatArray:
     return np.array([np.broadcast_to(usual, V.shape), V, 0.0 * V, 0.0 * V])
 
 
-def fit(found: Innovations, reflections: bool, centre: float = 1.0) -> FixErrors:
+def fit(
+    found: Innovations, reflections: bool, centre: float = 1.0, lasting: float = 10.0
+) -> FixErrors:
     """Return the errors of positions that explain their innovations.
 
     Parameters
@@ -124,9 +126,11 @@ def fit(found: Innovations, reflections: bool, centre: float = 1.0) -> FixErrors
         Whether what is declared beyond the usual is to be expected.
     centre : float
         Scale that is thought most probable beforehand.
+    lasting : float
+        How long reflections last [s]: where they are expected, all that is shared does.
     """
     found = found.thinned()
-    search = _Search(found, ALLOWANCE if reflections else STEADY, centre)
+    search = _Search(found, ALLOWANCE if reflections else STEADY, centre, lasting)
     chosen = search.profile()
     alone = np.array([search.white(x) for x in search.grid])
     gain = float(alone.min() - chosen.cost.min())
@@ -136,7 +140,7 @@ def fit(found: Innovations, reflections: bool, centre: float = 1.0) -> FixErrors
         shape = 0.0, 0.0
     else:
         level, spread = _level(search.grid, chosen.cost)
-        shape = _shape(search.at(level, chosen.at)[1])
+        shape = search.shape(search.at(level, chosen.at)[1])
     usual = tuple(map(float, usual_variance(found.declared_n, search.meaning)))
     return FixErrors(float(np.exp(level)), *shape, search.meaning, usual, gain, spread)
 
@@ -156,12 +160,6 @@ def _level(x: FloatArray, cost: FloatArray) -> tuple[float, float]:
     return float(0.5 * np.log(weight @ np.exp(2.0 * fine))), float(spread)
 
 
-def _shape(x: FloatArray) -> tuple[float, float]:
-    """Return share and correlation time [s] of the search's coordinates."""
-    share = 1.0 / (1.0 + np.exp(-np.clip(x[0], -14.0, 14.0)))
-    return float(share), float(np.clip(np.exp(np.clip(x[1], -5.0, 15.0)), _SHORTEST, _LONGEST))
-
-
 @dataclass(frozen=True, eq=False)
 class _Profile:
     """−ln of the posterior over a grid of scales, each with the best share and time."""
@@ -171,8 +169,8 @@ class _Profile:
 
 
 class _Search:
-    def __init__(self, found: Innovations, meaning: str, centre: float) -> None:
-        self.centre, self.meaning = float(np.log(centre)), meaning
+    def __init__(self, found: Innovations, meaning: str, centre: float, lasting: float) -> None:
+        self.centre, self.meaning, self.lasting = float(np.log(centre)), meaning, lasting
         self.grid = self.centre + np.arange(-_REACH, _REACH + 0.5 * _STEP, _STEP)
         V = found.declared_n
         usual = usual_variance(V, meaning)
@@ -185,6 +183,14 @@ class _Search:
         W, U, C, D = self._parts = parts(V, usual, meaning)
         self._alone = np.array([W, U, 0.0 * C, C + D])
         self._work = np.empty(len(found)), np.empty(len(found))
+
+    def shape(self, x: FloatArray) -> tuple[float, float]:
+        """Return share and correlation time [s] of the search's coordinates."""
+        share = 1.0 / (1.0 + np.exp(-np.clip(x[0], -14.0, 14.0)))
+        if self.meaning == ALLOWANCE:
+            return float(share), self.lasting
+        time = np.exp(np.clip(x[1], np.log(_SHORTEST), np.log(_LONGEST)))
+        return float(share), float(time)
 
     def white(self, log_scale: float) -> float:
         """Return −ln of the posterior where nothing is shared."""
@@ -201,7 +207,7 @@ class _Search:
 
         def total(x: FloatArray) -> float:
             away = ((x[1] - np.log(_TIME)) / _SIGMA_TIME) ** 2 + (x[0] / _SIGMA_SHARE) ** 2
-            return self._cost(self._parts, log_scale, *_shape(x)) + 0.5 * float(away)
+            return self._cost(self._parts, log_scale, *self.shape(x)) + 0.5 * float(away)
 
         made = [
             minimize(

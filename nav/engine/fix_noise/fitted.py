@@ -64,7 +64,8 @@ def with_fitted_noise(
         errors = fit(found, reflections=False)
     else:
         centre = float(np.clip(np.sqrt(np.nan_to_num(misfit, nan=1.0)), _LEAST_CENTRE, 1.0))
-        errors = fit(found, _reflections(course.events, misfit), centre)
+        lasting = max(course.config.gnss.position_correlation_s, 1.0)
+        errors = fit(found, _reflections(course.events, misfit), centre, lasting)
     return _applied(course, errors), errors, plain([_said(errors, len(used))])
 
 
