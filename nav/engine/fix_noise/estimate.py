@@ -2,7 +2,8 @@
 
 The most probable ones under wide priors. Where a receiver filters its positions, successive ones
 differ by so little that only a² s/τ can be seen: a small error that lasts ten seconds and a large
-one that lasts an hour look alike, and the prior has to say how large errors are.
+one that lasts an hour look alike, and the prior has to say how large errors are. What is constant
+throughout a recording cannot be seen at all: there a small scale is one of what does change.
 """
 
 from __future__ import annotations

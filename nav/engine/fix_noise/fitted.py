@@ -16,8 +16,8 @@ from ..legs import Course, found_start
 from .estimate import ALLOWANCE, fit, parts
 from .loose import loose_pass
 
-#: Positions from which on the scale of white errors is known to 1/√(2 · 3 n) = 7 %, and a minute
-#: of a receiver that reports every two seconds. Below, the prior would decide alone.
+#: Positions from which on the scale of white errors is known to 1/√(6 n) = 10 %. Of fewer the prior
+#: would decide nearly alone.
 _FEWEST = 15
 #: Single-point positions declare what reflections may do. Where a tenth of the signals were
 #: reflected, chi²/dof would be a tenth at least, and where signals are reflected others are
@@ -64,6 +64,7 @@ def with_fitted_noise(
         errors = fit(found, reflections=False)
     else:
         centre = float(np.clip(np.sqrt(np.nan_to_num(misfit, nan=1.0)), _LEAST_CENTRE, 1.0))
+        # Reflections that do not last at all would be no reflections.
         lasting = max(course.config.gnss.position_correlation_s, 1.0)
         errors = fit(found, _reflections(course.events, misfit), centre, lasting)
     return _applied(course, errors), errors, plain([_said(errors, len(used))])
@@ -131,4 +132,6 @@ def _said(errors: FixErrors, count: int) -> str:
     else:
         text += f"{100.0 * errors.share:.3g} % of the variance shared for "
         text += f"{errors.correlation_s:.3g} s"
-    return f"{text} (fitted to {count} positions)"
+    if errors.meaning == ALLOWANCE:
+        text += ", beyond it as declared for reflections"
+    return f"{text} (fitted to {count} positions; what is constant throughout does not show)"
