@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -32,6 +33,8 @@ from certnav.nav.config_files import from_tables
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate
 
+#: Recordings, and halves of one.
+RECORDINGS = {**REAL, "comma2k19, halves": REAL["comma2k19"]}
 WORLDS = ("white fixes", "lasting fixes", "suburb", "urban", "canyon", "demo")
 #: Share of the variance of 'lasting fixes' that lasts, and how long [s].
 SHARE, LASTS = 0.9, 20.0
@@ -81,8 +84,14 @@ def demo(seed: int, work: Path) -> Sequence:
 
 def sequences(name: str, seeds: int, work: Path) -> Iterator[Sequence]:
     """Yield the drives of a world, or the recording of that name, whole and cut."""
-    if name in REAL:
-        yield load(DATA / REAL[name])
+    if name in RECORDINGS:
+        whole = load(DATA / RECORDINGS[name])
+        if not name.endswith("halves"):
+            yield whole
+            return
+        time = whole.inertial.time
+        for begin, end in itertools.pairwise((time[0], time[time.size // 2], time[-1])):
+            yield whole.between(begin, end)
         return
     for seed in range(seeds):
         if name == "lasting fixes":
@@ -132,12 +141,12 @@ def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=4, metavar="N", help="drives a world [4]")
-    parser.add_argument("--only", nargs="+", choices=[*WORLDS, *REAL], metavar="NAME")
+    parser.add_argument("--only", nargs="+", choices=[*WORLDS, *RECORDINGS], metavar="NAME")
     arguments = parser.parse_args()
     print("| | | " + " | ".join(PARTS) + " | 3-D RMS [m] | NIS of positions | found |")
     print("|---|---|" + "---|" * (len(PARTS) + 3))
-    for name in arguments.only or [*WORLDS, *REAL]:
-        if name in REAL and not (DATA / REAL[name]).is_dir():
+    for name in arguments.only or [*WORLDS, *RECORDINGS]:
+        if name in RECORDINGS and not (DATA / RECORDINGS[name]).is_dir():
             continue
         runs: dict[tuple[bool, str], list[Figures]] = {}
         with tempfile.TemporaryDirectory() as work:
