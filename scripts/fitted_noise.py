@@ -28,6 +28,7 @@ from certnav.datasets.sequence import Sequence
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.earth import C_en_of
+from certnav.filters.errors import AlignmentError
 from certnav.filters.rotation import FloatArray
 from certnav.nav.config_files import from_tables
 from certnav.nav.evaluation.accuracy import evaluate
@@ -151,10 +152,13 @@ def main() -> int:
         runs: dict[tuple[bool, str], list[Figures]] = {}
         with tempfile.TemporaryDirectory() as work:
             for sequence in sequences(name, arguments.seeds, Path(work)):
-                for smooth in (False, True):
-                    for noise in ("declared", "fitted"):
+                try:
+                    for smooth, noise in itertools.product((False, True), ("declared", "fitted")):
                         made = figures(sequence, noise, smooth)
                         runs.setdefault((smooth, noise), []).append(made)
+                except AlignmentError as error:  # at the first of them: all start alike
+                    print(f"{name}: no start, left out: {error}", file=sys.stderr)
+                    continue
                 print(f"{name}: {sequence.name}", file=sys.stderr)
         for smooth, what in ((False, "filter"), (True, "smoother")):
             before, after = runs[smooth, "declared"], runs[smooth, "fitted"]
