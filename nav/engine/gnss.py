@@ -88,9 +88,7 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
     events, where, misfit = [], None, None
     faulty, wrong = (np.zeros(len(observations), dtype=bool) for _ in range(2))
     if position in ("spp", "rtk"):
-        events, where, faulty, wrong, doubts, misfit = _single_point(
-            observations, sequence, config
-        )
+        events, where, faulty, wrong, doubts, misfit = _single_point(observations, sequence, config)
         notes += doubts
         if position == "rtk":
             lost = ~np.isin(observations.time, where.time)  # code that no fix vouches for

@@ -65,9 +65,10 @@ def _innovation(
     kalman: ErrorStateFilter, event: GnssEvent, lever_b: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return z and the variances of filter and position, north-east-down [m], [m²]."""
+    antenna = kalman.antenna_point(lever_b)
     m = measurements.position(
-        kalman.state, kalman.model.size, event.value_e, event.cov_e, lever_b
-    )  # fmt: skip
+        kalman.state, kalman.model.size, event.value_e, event.cov_e, antenna, kalman.omega_b
+    )
     C_en = C_en_of(event.value_e)
     return (
         C_en.T @ m.z,
