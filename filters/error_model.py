@@ -162,11 +162,22 @@ class ErrorModel:
         return np.concatenate([densities**2, tail])
 
     def initial_covariance(
-        self, pos_cov_e: ArrayLike, vel_cov_e: ArrayLike, att_cov_b: ArrayLike
+        self,
+        pos_cov_e: ArrayLike,
+        vel_cov_e: ArrayLike,
+        att_cov_b: ArrayLike,
+        shared_cov_e: ArrayLike | None = None,
     ) -> FloatArray:
         """Return P, shape (n, n), from the navigation blocks and the sensor's spreads.
 
         The bias block is turn-on and in-run variance together.
+
+        Parameters
+        ----------
+        pos_cov_e, vel_cov_e, att_cov_b : array_like, shape (3, 3)
+        shared_cov_e : array_like, shape (3, 3), optional
+            Of the position's covariance the part that the positions to come share [m²]; default:
+            its error is its own.
         """
         spec = self.imu
         P = np.zeros((self.size, self.size))
@@ -181,10 +192,11 @@ class ErrorModel:
         if self.clock is not None:
             P[self.clock, self.clock] = CLOCK_DRIFT_SIGMA**2
         if self.fix_bias is not None:
-            # What is wrong with the first position is wrong with the next ones.
-            root = shared_root(pos_cov_e)
             P[self.fix_bias, self.fix_bias] = np.eye(3)
-            P[POS, self.fix_bias], P[self.fix_bias, POS] = -root, -root
+            if shared_cov_e is not None:
+                # What is wrong with the first position is wrong with the next ones.
+                root = shared_root(shared_cov_e)
+                P[POS, self.fix_bias], P[self.fix_bias, POS] = -root, -root
         if self.mounting is not None:
             P[self.mounting, self.mounting] = np.eye(2) * self.vehicle.sigma_mounting**2
         if self.wheel is not None:

@@ -19,17 +19,15 @@ if TYPE_CHECKING:
 
 #: Initial 1σ of a receiver's clock drift [m/s]: 3 ppm, what any quartz keeps.
 CLOCK_DRIFT_SIGMA = 1000.0
-#: Share of a position's variance that successive positions have in common.
-SHARED = 0.9
 
 
-def shared_root(cov_e: ArrayLike) -> FloatArray:
-    """Return B with BBᵀ = `SHARED` times the covariance of a position: its error is B b + noise.
+def shared_root(shared_cov_e: ArrayLike) -> FloatArray:
+    """Return B with BBᵀ = the covariance of what positions share: their error is B b + noise.
 
     The symmetric root, so that a slowly changing covariance means a slowly changing error.
     """
-    values, axes = np.linalg.eigh(np.asarray(cov_e, dtype=float))
-    root: FloatArray = (axes * np.sqrt(SHARED * np.maximum(values, 0.0))) @ axes.T
+    values, axes = np.linalg.eigh(np.asarray(shared_cov_e, dtype=float))
+    root: FloatArray = (axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T
     return root
 
 
@@ -45,7 +43,7 @@ class GnssStates:
     clock_drift : float
         Of the receiver [m/s]; 0 where it is no state.
     fix_bias : ndarray, shape (3,)
-        Shared error of positions, in units of each position's own root (`shared_root`).
+        Shared error of positions, in units of the root of its covariance (`shared_root`).
     """
 
     def __init__(self, model: ErrorModel) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from .earth import OMEGA_IE_SKEW
 from .error_model import ATT, GYRO_BIAS, POS, VEL
-from .gnss_states import SHARED, shared_root
+from .gnss_states import shared_root
 from .levers import AntennaPoint, antenna_point, lever_velocity, rate_over_earth
 from .rotation import FloatArray, skew
 from .strapdown import NavState
@@ -101,25 +101,25 @@ def position(
 
 
 def with_shared_error(
-    position: Measurement, cov_e: ArrayLike, shared: slice, estimate: ArrayLike
+    position: Measurement, shared_cov_e: ArrayLike, shared: slice, estimate: ArrayLike
 ) -> Measurement:
-    """Return a position whose error is mostly that of the positions around it.
+    """Return a position part of whose error is that of the positions around it.
 
     Parameters
     ----------
     position : Measurement
-        See `position`; its R is `cov_e` and what else there is.
-    cov_e : array_like, shape (3, 3)
-        Covariance of the position's own error [m²]: of it, the share `SHARED` is in common.
+        See `position`; its R is the covariance of the whole error.
+    shared_cov_e : array_like, shape (3, 3)
+        Covariance of the part that is in common [m²].
     shared : slice
         `ErrorModel.fix_bias`.
     estimate : array_like, shape (3,)
         Present estimate of those states.
     """
-    root = shared_root(cov_e)
+    root = shared_root(shared_cov_e)
     H = position.H.copy()
     H[:, shared] = root
-    R = position.R - SHARED * np.asarray(cov_e, dtype=float)
+    R = position.R - np.asarray(shared_cov_e, dtype=float)
     return Measurement(position.z - root @ np.asarray(estimate, dtype=float), H, R)
 
 

@@ -189,9 +189,14 @@ class GnssConfig:
         eliminated from every epoch instead. A receiver's quartz stays well below the default.
     doppler_hold_off_s : float
         How long a satellite whose Doppler disagreed with the filter is not believed.
+    position_noise : {'fitted', 'declared'}
+        How large the errors of positions are, and how much of them lasts: as fits the recording,
+        found in a run before the run (`nav.engine.fix_noise`), or as declared. What is too short
+        for a fit, or has no velocities, is taken as declared; so are live positions, and those
+        with resolved ambiguities. A note says which, and why.
     position_correlation_s : float
-        Correlation time of the errors of single-point positions, which are then a state; 0: each
-        position's error is its own. Positions a set carries and relative ones are taken as such.
+        As declared: correlation time of the errors of single-point positions, which are then a
+        state; 0: each position's error is its own. Positions a set carries are taken as such.
     delay_sigma_s : float
         1σ of a constant error of GNSS's time stamps against the IMU's, which is then estimated; 0:
         as the recording declares (``time_offset_sigma_s``), or none.
@@ -220,6 +225,7 @@ class GnssConfig:
     doppler_floor_mps: float = 0.04
     clock_walk_mps: float = 0.1
     doppler_hold_off_s: float = 1.5
+    position_noise: str = "fitted"
     position_correlation_s: float = 10.0
     delay_sigma_s: float = 0.0
     position_sigma_scale: float = 1.0
@@ -237,6 +243,7 @@ class GnssConfig:
                 f"{list(self.base_position_e_m)}"
             )
         _choice("gnss.velocity", self.velocity, ("auto", "doppler", "carried", "none"))
+        _choice("gnss.position_noise", self.position_noise, ("fitted", "declared"))
         _choice("gnss.below_four", self.below_four, ("rows", "ddia", "off"))
         _choice("gnss.forward_motion", self.forward_motion, ("auto", "on", "off"))
         _choice("gnss.ionosphere", self.ionosphere, ("broadcast", "off"))

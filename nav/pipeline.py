@@ -18,6 +18,7 @@ from ._frames import ned_covariances
 from .config import Config
 from .engine.blind import blind_axes, blind_notes, blind_spells
 from .engine.events import GnssEvent
+from .engine.fix_noise.fitted import with_fitted_noise
 from .engine.gnss import gnss_timeline
 from .engine.legs import Course, Leg, legs, told
 from .engine.model import error_model
@@ -75,6 +76,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         timeline.events, stream, sequence.calibration, vehicle, model, tuple(spells), config
     )
     began = time.perf_counter()
+    course, errors, fit_notes = with_fitted_noise(course, timeline.misfit, report)
     made: list[Leg] = []
     why = ""
     try:
@@ -92,6 +94,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         *plain(sequence.notes),
         *plain([str(installed), *installed.antenna.lines()]),
         *timeline.notes,
+        *fit_notes,
         *_imu_gaps(sequence),
         *blind_notes(spells, blind),
         *outages(updates, made[-1].until),
@@ -114,6 +117,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         timing={"gnss_s": spent_gnss, "alignment_s": aligning, "filter_s": spent - aligning},
         status=status,
         installation=installed,
+        fix_errors=errors,
     )
 
 

@@ -127,6 +127,37 @@ class AlignmentReport:
     attempts: tuple[tuple[float, str], ...] = ()
 
 
+@dataclass(frozen=True)
+class FixErrors:
+    """How large the errors of positions are, and how much of them lasts.
+
+    Parameters
+    ----------
+    scale : float
+        True over declared σ.
+    share : float
+        Of the variance, what successive positions have in common; 0: nothing.
+    correlation_s : float
+        How long that lasts [s].
+    meaning : {'steady', 'allowance'}
+        What the declared variance stands for (`nav.engine.fix_noise.estimate`).
+    usual_n : tuple of float
+        What of it is usual, north, east, down [m²].
+    gain : float
+        Log units by which sharing explains the innovations better.
+    spread : float
+        1σ of ln of the scale.
+    """
+
+    scale: float
+    share: float
+    correlation_s: float
+    meaning: str
+    usual_n: tuple[float, ...]
+    gain: float
+    spread: float
+
+
 @dataclass(frozen=True, eq=False)
 class Epochs:
     """What GNSS offered, epoch by epoch.
@@ -150,7 +181,8 @@ class Solution:
 
     `status` is 'ok'; 'doubtful', where a note says so; 'restarted', where the solution was lost and
     found again; 'lost', where it was not, and ends before the data. `installation` is how the IMU
-    sits in the vehicle as known in the end; None where that was not asked.
+    sits in the vehicle as known in the end; None where that was not asked. `fix_errors` is None
+    where positions were taken as declared.
     """
 
     name: str
@@ -162,3 +194,4 @@ class Solution:
     timing: dict[str, float] = field(default_factory=dict)
     status: str = "ok"
     installation: Installation | None = None
+    fix_errors: FixErrors | None = None

@@ -51,6 +51,8 @@ class SinglePoint:
     lasting_cov_e : ndarray, shape (n, 3, 3), optional
         Part of each fix's covariance that no averaging over minutes takes away [m²]: orbits,
         clocks and ionosphere, times what the residuals of minutes say that lacks.
+    misfit : float
+        chi²/dof of the residuals of all fixes together; NaN where none has one to spare.
     """
 
     fixes: GnssFixes
@@ -61,6 +63,7 @@ class SinglePoint:
     persistent: tuple[Persistent, ...] = ()
     left_out: tuple[int, ...] = ()
     lasting_cov_e: FloatArray | None = None
+    misfit: float = float("nan")
 
 
 def single_point(
@@ -249,11 +252,11 @@ def _single_point(
 ) -> SinglePoint:
     points = [e.point for e in epochs if isinstance(e.point, Point)]
     n = len(points)
+    dof = np.array([len(p.used) - np.linalg.matrix_rank(p.H) for p in points], dtype=int)
+    chi2 = np.array([np.sum((p.residuals / p.sigma) ** 2) for p in points])
+    spare = dof > 0
     factor = np.ones(n)
-    for k, point in enumerate(points):
-        dof = len(point.used) - np.linalg.matrix_rank(point.H)
-        if dof > 0:
-            factor[k] = max(1.0, np.sum((point.residuals / point.sigma) ** 2) / dof)
+    factor[spare] = np.maximum(1.0, chi2[spare] / dof[spare])
     cov_e = np.array([p.cov_e for p in points], dtype=float).reshape(n, 3, 3)
     fixes = GnssFixes(
         time=np.array([observations.time[p.used[0]] for p in points], dtype=float),
@@ -274,4 +277,5 @@ def _single_point(
         left_out,
         variance_factor(_linearised(epochs, observations))
         * np.array([_lasting(p) for p in points]).reshape(n, 3, 3),
+        float(chi2[spare].sum() / dof[spare].sum()) if spare.any() else float("nan"),
     )

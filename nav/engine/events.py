@@ -16,6 +16,10 @@ from ...filters.rotation import FloatArray
 from ...velocity.range_rate import DopplerNoise
 from ..config import GnssConfig
 
+#: Share of a position's variance that successive positions have in common, where nothing better
+#: is known: of a single-point position's, reflections, ionosphere and orbits are nearly all.
+SHARED = 0.9
+
 
 @dataclass(frozen=True, eq=False)
 class GnssEvent:
@@ -41,10 +45,14 @@ class GnssEvent:
     epoch : DopplerEpoch, optional
         Doppler of the epoch for alignment in motion, whatever became of its velocity.
     shared : bool
-        Whether most of a position's error is that of the positions around it.
+        Whether part of a position's error is that of the positions around it.
     lasting_e : ndarray, shape (3, 3), optional
         Covariance of what a position shares with all others for minutes and longer [m²]: no
         filter can average it away.
+    shared_cov_e : ndarray, shape (3, 3), optional
+        Covariance of the part that `shared` is about [m²]; default: `SHARED` of the whole.
+    resolved : bool
+        Whether the ambiguities of a position's carrier phases are resolved.
     """
 
     time: float
@@ -57,6 +65,15 @@ class GnssEvent:
     epoch: DopplerEpoch | None = None
     shared: bool = False
     lasting_e: FloatArray | None = None
+    shared_cov_e: FloatArray | None = None
+    resolved: bool = False
+
+    @property
+    def common_cov_e(self) -> FloatArray | None:
+        """Covariance of what the positions around it share with it [m²]; None: nothing."""
+        if not self.shared:
+            return None
+        return SHARED * self.cov_e if self.shared_cov_e is None else self.shared_cov_e
 
 
 def missing(

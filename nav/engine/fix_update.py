@@ -77,12 +77,13 @@ class FixUpdates:
         m = measurements.position(
             kalman.state, model.size, event.value_e, event.cov_e, antenna, kalman.omega_b
         )
-        if not event.shared or model.fix_bias is None:
+        common_cov_e = event.common_cov_e
+        if common_cov_e is None or model.fix_bias is None:
             return m
         overlap = self.overlap(event.satellites)
         if overlap < 1.0:
             kalman.reconsider(*kalman.gnss.other_satellites(kalman.P, overlap))
-        return measurements.with_shared_error(m, event.cov_e, model.fix_bias, kalman.gnss.fix_bias)
+        return measurements.with_shared_error(m, common_cov_e, model.fix_bias, kalman.gnss.fix_bias)
 
     def _velocity(self, event: GnssEvent) -> Measurement:
         kalman = self.kalman

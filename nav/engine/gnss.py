@@ -36,12 +36,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class GnssTimeline:
-    """All events in time order, the epochs they came from, and the screened observations."""
+    """All events in time order, the epochs they came from, and the screened observations.
+
+    `misfit` is that of the single-point positions, None where positions are others.
+    """
 
     events: tuple[GnssEvent, ...]
     epochs: Epochs
     observations: GnssObservations | None
     notes: tuple[Note, ...] = ()
+    misfit: float | None = None
 
 
 #: Fewer rows of a satellite than this say nothing about it.
@@ -81,10 +85,10 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
     observations = sequence.observations.mark(
         sequence.observations.cn0 < config.min_cn0_dbhz, "weak signal"
     )
-    events, where = [], None
+    events, where, misfit = [], None, None
     faulty, wrong = (np.zeros(len(observations), dtype=bool) for _ in range(2))
     if position in ("spp", "rtk"):
-        events, where, faulty, wrong, doubts = _single_point(observations, sequence, config)
+        events, where, faulty, wrong, doubts, misfit = _single_point(observations, sequence, config)
         notes += doubts
         if position == "rtk":
             lost = ~np.isin(observations.time, where.time)  # code that no fix vouches for
@@ -116,7 +120,7 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         events += _carried(sequence.fixes, "velocity", config)
     # Marked last: one faulty pseudorange says nothing about the Doppler, which has its own test.
     observations = observations.mark(faulty, "pseudorange residual")
-    return GnssTimeline(_in_order(events), epochs, observations, notes)
+    return GnssTimeline(_in_order(events), epochs, observations, notes, misfit)
 
 
 def _in_order(events: list[GnssEvent]) -> tuple[GnssEvent, ...]:
@@ -176,25 +180,29 @@ def sources(sequence: Sequence, config: GnssConfig) -> tuple[str, str]:
 def _carried(fixes: GnssFixes, kind: str, config: GnssConfig) -> list[GnssEvent]:
     """Return the positions or velocities a set carries as events."""
     if kind == "position":
-        value, cov = fixes.pos_e, fixes.pos_cov_e
+        value, cov, resolved = fixes.pos_e, fixes.pos_cov_e, fixes.quality == "fixed"
         scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
         present = fixes.usable
     else:
-        value, cov = fixes.vel_e, fixes.vel_cov_e
+        value, cov, resolved = fixes.vel_e, fixes.vel_cov_e, np.zeros(len(fixes), dtype=bool)
         scale, floor = config.velocity_sigma_scale, config.velocity_sigma_floor_mps
         present = fixes.has_velocity & fixes.usable
     return [
-        GnssEvent(float(t), kind, v, inflated(c, scale, floor))
+        GnssEvent(float(t), kind, v, inflated(c, scale, floor), resolved=bool(whole))
         if ok
         else missing(float(t), kind, str(why) or f"no {kind} in the data")
-        for t, v, c, ok, why in zip(fixes.time, value, cov, present, fixes.rejected, strict=True)
+        for t, v, c, ok, why, whole in zip(
+            fixes.time, value, cov, present, fixes.rejected, resolved, strict=True
+        )
     ]
 
 
 def _single_point(
     observations: GnssObservations, sequence: Sequence, config: GnssConfig
-) -> tuple[list[GnssEvent], _Whereabouts, NDArray[np.bool_], NDArray[np.bool_], tuple[Note, ...]]:
-    """Return single-point positions as events and as whereabouts, and notes.
+) -> tuple[
+    list[GnssEvent], _Whereabouts, NDArray[np.bool_], NDArray[np.bool_], tuple[Note, ...], float
+]:
+    """Return single-point positions as events and as whereabouts, notes, and their misfit.
 
     Between them rows whose pseudorange took no part, and those of satellites that are wrong all
     the time.
@@ -232,7 +240,8 @@ def _single_point(
     faulty, wrong = (np.zeros(len(observations), dtype=bool) for _ in range(2))
     wrong[list(spp.left_out)] = True
     faulty[[*spp.rejected, *spp.left_out]] = True
-    return events, where, faulty, wrong, tuple(_persistent(spp, observations, wrong))
+    notes = tuple(_persistent(spp, observations, wrong))
+    return events, where, faulty, wrong, notes, spp.misfit
 
 
 def _persistent(

@@ -67,7 +67,7 @@ class Leg:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """All a leg is made of."""
+    """All a leg is made of; the start, and the time it has taken to find [s], if it is known."""
 
     events: tuple[GnssEvent, ...]
     stream: InertialStream
@@ -76,6 +76,7 @@ class Course:
     model: ErrorModel
     spells: tuple[Spell, ...]
     config: Config
+    start: tuple[Start, float] | None = None
 
 
 def legs(course: Course, report: Callable[[float, str], None]) -> Iterator[Leg]:
@@ -98,8 +99,16 @@ def legs(course: Course, report: Callable[[float, str], None]) -> Iterator[Leg]:
             return
         after = leg.until
         config = replace(course.config, alignment=again(course.config.alignment))
-        course = replace(course, config=config)
+        course = replace(course, config=config, start=None)
     raise AlignmentError(f"lost {_MOST} times")
+
+
+def found_start(course: Course, events: tuple[GnssEvent, ...]) -> Start:
+    """Return the start of a leg over these of the events."""
+    return find_start(
+        events, course.stream, course.calibration, course.config.alignment, course.model,
+        course.config.vehicle.kind,
+    )  # fmt: skip
 
 
 def _leg(course: Course, after: float, report: Callable[[float, str], None]) -> Leg:
@@ -107,10 +116,11 @@ def _leg(course: Course, after: float, report: Callable[[float, str], None]) -> 
     events = tuple(e for e in course.events if e.time > after)
     report(0.0, "alignment")
     began = time.perf_counter()
-    start = find_start(
-        events, course.stream, calibration, config.alignment, course.model, config.vehicle.kind
-    )
-    aligning = time.perf_counter() - began
+    if course.start is not None:
+        start, aligning = course.start
+    else:
+        start = found_start(course, events)
+        aligning = time.perf_counter() - began
     kalman = start_filter(start, course.stream, calibration, course.model, config.filter)
     loop = FilterLoop(kalman, calibration, course.vehicle, config, deque(course.spells))
     begin, end = kalman.time, course.stream.end

@@ -58,8 +58,9 @@ def with_relative_positions(
         cov = inflated(
             fixes.pos_cov_e[j], config.position_sigma_scale, config.position_sigma_floor_m
         )
+        resolved = str(fixes.quality[j]) == "fixed"
         out[order[near]] = dataclasses.replace(
-            event, value_e=fixes.pos_e[j], cov_e=cov, lasting_e=None
+            event, value_e=fixes.pos_e[j], cov_e=cov, lasting_e=None, resolved=resolved
         )
         apart.append(float(np.linalg.norm(fixes.pos_e[j] - event.value_e)))
         quality[str(fixes.quality[j])] += 1

@@ -36,7 +36,7 @@ from ..config import Config
 from ..config_files import to_toml
 from ..evaluation.accuracy import Evaluation, without_reference
 from ..notes import Note
-from ..solution import AlignmentReport, Solution
+from ..solution import AlignmentReport, FixErrors, Solution
 from .formats import check_formats, write_formats
 from .summary import strict, summarise
 from .tables import (
@@ -213,7 +213,7 @@ def _read(path: Path) -> Result:
         )
     summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
     try:
-        alignment = summary["alignment"]
+        alignment, noise = summary["alignment"], summary["position_noise"]
         solution = Solution(
             name=summary["name"],
             trajectory=read_solution(path / "solution.csv"),
@@ -232,6 +232,7 @@ def _read(path: Path) -> Result:
             epochs=read_epochs(path / "epochs.csv"),
             notes=tuple(Note(**note) for note in summary["notes"]),
             status=summary["status"],
+            fix_errors=None if noise is None else FixErrors(**noise),
             timing={k: v for k, v in summary["timing"].items() if v is not None},
         )
         evaluation = _read_evaluation(path / "reference_errors.csv", summary)

@@ -60,6 +60,9 @@ def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) ->
         if evaluation.has_reference
         else None,
         "consistency": evaluation.consistency,
+        "position_noise": None
+        if solution.fix_errors is None
+        else dataclasses.asdict(solution.fix_errors),
         "updates": count_updates(solution.updates),
         "timing": {"total_s": None, "read_s": None, "filter_s": None} | solution.timing,
         "sensors": {

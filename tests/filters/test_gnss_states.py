@@ -8,13 +8,13 @@ from certnav.filters.compiled import rows as layout
 from certnav.filters.earth import OMEGA_IE_E, gravity_e
 from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import ATT, POS, VEL, ErrorModel
-from certnav.filters.gnss_states import CLOCK_DRIFT_SIGMA, SHARED, shared_root
+from certnav.filters.gnss_states import CLOCK_DRIFT_SIGMA, shared_root
 from certnav.filters.measurements import Measurement
 from certnav.filters.sensors import imu_preset
 from certnav.filters.smoother import smooth
 from certnav.filters.strapdown import InertialStream, NavState
 
-TAU = 10.0
+TAU, SHARED = 10.0, 0.9
 
 
 @pytest.fixture
@@ -29,7 +29,9 @@ def standing(moving_state):
         accel = np.tile(-C_eb.T @ gravity_e(moving_state.pos_e), (time.size, 1))
         stream = InertialStream(time, gyro, accel)
         state = NavState(stream.start, moving_state.pos_e, np.zeros(3), C_eb)
-        P = model.initial_covariance(np.eye(3) * 4.0, np.eye(3) * 1e-4, np.eye(3) * 1e-4)
+        P = model.initial_covariance(
+            np.eye(3) * 4.0, np.eye(3) * 1e-4, np.eye(3) * 1e-4, np.eye(3) * SHARED * 4.0
+        )
         return ErrorStateFilter(model, stream, state, P, 1.0, smoothing=smoothing)
 
     return start
@@ -40,7 +42,8 @@ def test_states_are_where_the_model_says():
     assert ErrorModel(spec).clock is None and ErrorModel(spec).fix_bias is None
     model = ErrorModel(spec, 21, odometer=True, clock_walk=0.1, fix_correlation=TAU)
     assert (model.clock, model.fix_bias, model.size) == (21, slice(22, 25), 26)
-    P = model.initial_covariance(np.diag([1.0, 4.0, 9.0]), np.eye(3), np.eye(3))
+    pos_cov = np.diag([1.0, 4.0, 9.0])
+    P = model.initial_covariance(pos_cov, np.eye(3), np.eye(3), 0.9 * pos_cov)
     assert P[21, 21] == CLOCK_DRIFT_SIGMA**2
     assert np.linalg.eigvalsh(P[[*range(3), 22, 23, 24]][:, [*range(3), 22, 23, 24]]).min() > 0.0
 
@@ -50,7 +53,7 @@ def test_shared_root_is_the_symmetric_root():
     cov = A @ A.T
     B = shared_root(cov)
     np.testing.assert_allclose(B, B.T, atol=1e-14)
-    np.testing.assert_allclose(B @ B.T, SHARED * cov, atol=1e-13)
+    np.testing.assert_allclose(B @ B.T, cov, atol=1e-13)
 
 
 def test_shared_error_fades_with_its_correlation_time(standing):
@@ -81,7 +84,7 @@ def test_many_positions_do_not_average_away_what_they_share(standing):
             )
             if kalman.model.fix_bias is not None:
                 m = measurements.with_shared_error(
-                    m, cov, kalman.model.fix_bias, kalman.gnss.fix_bias
+                    m, SHARED * cov, kalman.model.fix_bias, kalman.gnss.fix_bias
                 )
             kalman.update(m)
         return float(np.trace(kalman.P[POS, POS]) / 3.0)
@@ -184,7 +187,9 @@ def test_smoothing_with_gnss_states_is_never_worse(standing):
         kalman.propagate(float(t))
         pos_e = kalman.pos_e + rng.standard_normal(3) * 0.1
         m = measurements.position(kalman.state, kalman.model.size, pos_e, cov, np.zeros(3))
-        m = measurements.with_shared_error(m, cov, kalman.model.fix_bias, kalman.gnss.fix_bias)
+        m = measurements.with_shared_error(
+            m, SHARED * cov, kalman.model.fix_bias, kalman.gnss.fix_bias
+        )
         if t == 20:
             kalman.reconsider(*kalman.gnss.other_satellites(kalman.P, 0.5))
             kalman.reconsider(*kalman.gnss.clock_forgotten(kalman.P))

@@ -36,6 +36,10 @@ def carried_drive(seed=0, sigma_pos=0.5, sigma_vel=0.05, noise=True, duration=20
 NO_CONSTRAINTS = {"nhc": "off", "zupt": False, "zaru": False, "odometer": "off"}
 
 
+#: Where a test makes errors that the declared noise does not have, which would be fitted to them.
+DECLARED = {"position_noise": "declared"}
+
+
 def config_with(**tables):
     return from_tables({"vehicle": NO_CONSTRAINTS, **tables})
 
@@ -52,7 +56,7 @@ def test_noisy_data_are_smoothed_and_claimed_honestly():
     nees, horizontal = [], []
     for seed in range(6):
         sequence = carried_drive(seed)
-        result = evaluate(navigate(sequence, config_with()), sequence)
+        result = evaluate(navigate(sequence, config_with(gnss=DECLARED)), sequence)
         nees.append(result.consistency["nees_position_mean"])
         horizontal.append(result.metrics["horizontal_rms_m"])
         assert result.consistency["nis_mean"] == pytest.approx(1.0, abs=0.15)
@@ -98,12 +102,12 @@ def test_recovery_from_a_persistent_shift():
     pos_e = sequence.fixes.pos_e.copy()
     pos_e[100:] += [30.0, 0.0, 0.0]
     shifted = dataclasses.replace(sequence, fixes=dataclasses.replace(sequence.fixes, pos_e=pos_e))
-    solution = navigate(shifted, config_with(filter={"patience_s": 8.0}))
+    solution = navigate(shifted, config_with(filter={"patience_s": 8.0}, gnss=DECLARED))
     overruled = [u for u in solution.updates if u.accepted and u.reason]
     assert overruled
     last = [u for u in solution.updates if u.kind == "position"][-20:]
     assert all(u.accepted for u in last)
-    locked_out = navigate(shifted, config_with(filter={"patience_s": 0.0}))
+    locked_out = navigate(shifted, config_with(filter={"patience_s": 0.0}, gnss=DECLARED))
     assert not any(
         u.accepted
         for u in locked_out.updates
@@ -206,8 +210,8 @@ def test_a_solution_that_diverges_ends_there_and_starts_again():
     imu = ImuData(sequence.imu.time, sequence.imu.gyro_b, sequence.imu.accel_b)
     object.__setattr__(imu, "accel_b", accel_b)  # which a sequence would refuse
     with np.errstate(all="ignore"):
-        solution = navigate(dataclasses.replace(sequence, imu=imu), config_with())
-    sound = navigate(sequence, config_with())
+        solution = navigate(dataclasses.replace(sequence, imu=imu), config_with(gnss=DECLARED))
+    sound = navigate(sequence, config_with(gnss=DECLARED))
     time = solution.trajectory.time
     before = time < sequence.imu.time[15000] - 1e-6
     np.testing.assert_array_equal(

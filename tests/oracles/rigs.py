@@ -32,6 +32,7 @@ from certnav.filters.error_model import ACCEL_BIAS, GYRO_BIAS, ErrorModel
 from certnav.filters.rotation import FloatArray, matrix_from_rpy
 from certnav.filters.sensors import imu_preset
 from certnav.filters.strapdown import InertialStream, NavState
+from certnav.nav.engine.events import SHARED
 from certnav.velocity.range_rate import predicted_range_rate
 
 #: Where it all stands [m], and its axes north, east, down.
@@ -92,7 +93,7 @@ def filter_at_rest(
     made = ErrorModel(IMU, **model)
     stream = stream or stream_at_rest(C_eb, duration)
     pos, vel, att = (np.eye(3) * s**2 for s in sigma)
-    P = made.initial_covariance(pos, vel, att)
+    P = made.initial_covariance(pos, vel, att, SHARED * pos)
     P[GYRO_BIAS, GYRO_BIAS], P[ACCEL_BIAS, ACCEL_BIAS] = np.eye(3) * 1e-12, np.eye(3) * 1e-8
     state = NavState(stream.start, PLACE.copy(), speed * C_eb[:, 0], C_eb)
     kalman = ErrorStateFilter(made, stream, state, P)

@@ -147,7 +147,7 @@ class CertifiedStart:
         state = NavState(found.time, pos_e - lever_e, found.vel_e, attitude.C_eb)
         vel_cov_e = found.cov[3:6, 3:6]
         moved = vel_cov_e * elapsed**2 + np.eye(3) * (0.5 * _ACCELERATION * elapsed**2) ** 2
-        start = Start(attitude, state, position.cov_e + moved, vel_cov_e)
+        start = Start(attitude, state, position.cov_e + moved, vel_cov_e, fix=position)
         return self._with_window(start, found, found.cov)
 
     def _with_window(self, start: Start, found: InertialAlignment, joint_cov: FloatArray) -> Start:

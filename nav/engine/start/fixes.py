@@ -145,7 +145,7 @@ class Fixes:
             attitude.time, pos_e - lever_e, v.value_e - self.lever_velocity(attitude),
             attitude.C_eb,
         )  # fmt: skip
-        return Start(attitude, state, p.cov_e, v.cov_e)
+        return Start(attitude, state, p.cov_e, v.cov_e, fix=p)
 
     def lever_velocity(self, attitude: InitialAttitude) -> FloatArray:
         """Return C_eb (ω_eb × lever), the antenna's velocity less the IMU's [m/s]."""

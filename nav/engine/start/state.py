@@ -15,6 +15,7 @@ from ....filters.rotation import FloatArray
 from ....filters.strapdown import InertialStream, NavState
 from ...config import FilterConfig
 from ...solution import AlignmentReport
+from ..events import GnssEvent
 
 if TYPE_CHECKING:
     from ....alignment.in_motion.align import InertialAlignment
@@ -40,6 +41,8 @@ class Start:
         their correlations. Position is taken as independent of them.
     attempts : tuple of (float, str)
         GPS time of each certified attempt [s], and what was missing.
+    fix : GnssEvent, optional
+        Where the position is from: what is wrong with it is wrong with the ones that follow.
     """
 
     attitude: InitialAttitude
@@ -50,6 +53,7 @@ class Start:
     certified: InertialAlignment | None = None
     joint_cov: FloatArray | None = None
     attempts: tuple[tuple[float, str], ...] = field(default=())
+    fix: GnssEvent | None = None
 
     def report(self, began: float) -> AlignmentReport:
         """Return how it was found, for the result; `began` is the beginning of the data [s]."""
@@ -73,7 +77,8 @@ def start_filter(
     """Hand the start to the filter."""
     attitude = start.attitude
     att_cov_b = attitude.C_eb.T @ attitude.cov_e @ attitude.C_eb
-    P = model.initial_covariance(start.pos_cov_e, start.vel_cov_e, att_cov_b)
+    common_cov = None if start.fix is None else start.fix.common_cov_e
+    P = model.initial_covariance(start.pos_cov_e, start.vel_cov_e, att_cov_b, common_cov)
     _position_by_antenna(P, model, start.state.C_eb, start.state.vel_e)
     if start.joint_cov is not None:
         filled = np.r_[ATT, VEL, GYRO_BIAS, ACCEL_BIAS]

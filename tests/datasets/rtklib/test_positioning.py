@@ -322,6 +322,8 @@ def test_residuals_inflate_the_covariance(rover, navigation):
     )
     ratio = rough.fixes.pos_cov_e[:, 0, 0] / exact.fixes.pos_cov_e[:, 0, 0]
     assert (ratio > 5.0).all()
+    # That of all of them together lies between those of each.
+    assert ratio.min() < rough.misfit < ratio.max() and exact.misfit < 1e-3
 
 
 def test_atmosphere_has_the_size_and_shape_of_its_models(navigation):

@@ -5,7 +5,7 @@ import pytest
 
 from certnav.alignment.in_motion.rows import DopplerEpoch
 from certnav.nav.config import GnssConfig
-from certnav.nav.engine.events import doppler_noise, inflated, missing
+from certnav.nav.engine.events import GnssEvent, doppler_noise, inflated, missing
 from certnav.velocity.range_rate import doppler_rows
 from oracles import rigs
 
@@ -21,6 +21,16 @@ def test_a_missing_one_has_no_numbers_but_keeps_what_there_was():
     assert event.observations is observations and event.epoch is epoch
     bare = missing(5.0, "position", "why")
     assert bare.satellites == () and bare.observations is None and bare.epoch is None
+
+
+def test_what_positions_have_in_common_is_nine_tenths_unless_said():
+    """Reflections and atmosphere: of a single-point position's error nearly all."""
+    cov, part = np.diag([1.0, 4.0, 9.0]), np.diag([0.5, 0.1, 0.2])
+    assert GnssEvent(0.0, "position", rigs.PLACE, cov).common_cov_e is None
+    made = GnssEvent(0.0, "position", rigs.PLACE, cov, shared=True)
+    np.testing.assert_allclose(made.common_cov_e, 0.9 * cov, rtol=1e-15)
+    said = GnssEvent(0.0, "position", rigs.PLACE, cov, shared=True, shared_cov_e=part)
+    np.testing.assert_array_equal(said.common_cov_e, part)
 
 
 def test_sigma_is_scaled_and_the_floor_added_in_variance():

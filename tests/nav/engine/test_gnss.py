@@ -93,6 +93,7 @@ def test_values_are_those_of_the_antenna_at_that_time(city, timeline):
 def test_positions_share_their_errors_and_name_their_satellites(timeline):
     found = of_kind(timeline, "position")
     assert all(e.shared and len(e.satellites) >= 4 for e in found)
+    assert not any(e.resolved for e in found) and 0.0 < timeline.misfit < 1.0
     assert not any(e.shared for e in of_kind(timeline, "velocity", "doppler"))
 
 

@@ -67,6 +67,8 @@ def test_each_takes_the_place_of_the_one_of_its_epoch(finds):
     np.testing.assert_allclose(out[0].cov_e, (0.04 + 0.09) * np.eye(3))
     assert (out[0].time, out[0].satellites, out[0].shared) == (10.0, rigs.NAMES, True)
     assert out[1] is events[1] and out[2] is events[2]
+    finds([10.0, 11.0], 5.0, ["fixed", "float"])
+    assert [event.resolved for event in replaced(single([10.0, 11.0]))[0]] == [True, False]
     assert said.startswith("RTK: 1 float, 1 single; base at [") and said.endswith("m (declared)")
     assert asked["rover"] is SEQUENCE.rover_file and asked["base"] == (BASE,)
     assert asked["screened"] == "screened" and asked["base_pos_e"] is None

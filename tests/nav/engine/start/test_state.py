@@ -11,6 +11,7 @@ from certnav.filters.levers import AntennaPrior, VehiclePrior
 from certnav.filters.rotation import matrix_from_rpy
 from certnav.filters.strapdown import NavState
 from certnav.nav.config import FilterConfig
+from certnav.nav.engine.events import GnssEvent
 from certnav.nav.engine.start.state import Start, start_filter
 from oracles import rigs
 
@@ -54,6 +55,21 @@ def test_a_lever_arm_that_is_not_known_is_a_position_that_is_not():
     across = kalman.P[POS][:, states]
     known = kalman.P[POS, POS] - across @ np.linalg.inv(kalman.P[np.ix_(states, states)]) @ across.T
     np.testing.assert_allclose(known, fix, atol=1e-12)
+
+
+def test_what_is_wrong_with_the_first_position_is_wrong_with_the_next():
+    """With the error it shares known, the position is as good as what is its own."""
+    cov, part = np.diag([4.0, 5.0, 6.0]), np.diag([1.0, 4.0, 5.5])
+    model = ErrorModel(rigs.IMU, fix_correlation=10.0)
+    fix = GnssEvent(1.0, "position", rigs.PLACE, cov, shared=True, shared_cov_e=part)
+    P = filter_of(start(fix=fix), model=model).P
+    b = model.fix_bias
+    np.testing.assert_allclose(P[b, b], np.eye(3))
+    np.testing.assert_allclose(P[POS, POS] - P[POS, b] @ P[b, POS], cov - part, atol=1e-12)
+    assert (np.diag(P[POS, b]) < 0.0).all()  # estimated too far: true − estimated is below 0
+    own = GnssEvent(1.0, "position", rigs.PLACE, cov)
+    for alone in (own, None):
+        assert not filter_of(start(fix=alone), model=model).P[POS, b].any()
 
 
 def test_a_standstill_tells_the_gyro_bias_else_its_turn_on_spread_holds():
