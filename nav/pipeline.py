@@ -152,10 +152,10 @@ def trajectory_from_rows(rows: FloatArray) -> Trajectory:
 
 
 def with_lasting(trajectory: Trajectory, events: Iterable[GnssEvent]) -> Trajectory:
-    """Return a trajectory whose covariance contains what positions share for minutes and longer.
+    """Return a trajectory whose covariance contains what residuals of minutes say it lacks.
 
     Every position is off by it alike, and so is the solution, however many there are: the filter,
-    for which errors fade (`gnss.position_correlation_s`), has averaged it away.
+    for which errors fade, has averaged it away.
     """
     fixes = [e for e in events if e.kind == "position" and not e.reason]
     if not any(e.lasting_e is not None for e in fixes):

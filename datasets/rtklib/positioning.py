@@ -49,8 +49,9 @@ class SinglePoint:
         Rows of these that took no part in any fix: all, if it is known which satellite it is, or
         if there are satellites enough without any of the suspects.
     lasting_cov_e : ndarray, shape (n, 3, 3), optional
-        Part of each fix's covariance that no averaging over minutes takes away [m²]: orbits,
-        clocks and ionosphere, times what the residuals of minutes say that lacks.
+        What each fix's covariance lacks that no averaging over minutes takes away [m²]: the
+        variance of orbits, clocks and ionosphere, times what the residuals of minutes have beyond
+        that of sound satellites. Of those it is zero: what they share is the noise's business.
     misfit : float
         chi²/dof of the residuals of all fixes together; NaN where none has one to spare.
     """
@@ -275,7 +276,7 @@ def _single_point(
         tuple(int(row) for e in epochs for row in e.excluded),
         persistent,
         left_out,
-        variance_factor(_linearised(epochs, observations))
+        (variance_factor(_linearised(epochs, observations)) - 1.0)
         * np.array([_lasting(p) for p in points]).reshape(n, 3, 3),
         float(chi2[spare].sum() / dof[spare].sum()) if spare.any() else float("nan"),
     )
