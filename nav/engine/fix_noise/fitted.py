@@ -11,7 +11,7 @@ import numpy as np
 from ....filters.earth import C_en_of
 from ...notes import Note, plain
 from ...solution import FixErrors
-from ..events import GnssEvent
+from ..events import SHARED, GnssEvent
 from ..legs import Course, found_start
 from .estimate import ALLOWANCE, fit, parts
 from .loose import loose_pass
@@ -23,6 +23,10 @@ _FEWEST = 15
 #: reflected, chi²/dof would be a tenth at least, and where signals are reflected others are
 #: blocked, so that now and then there is no position: below both there is nothing to allow for.
 _REFLECTED = 0.1
+#: Of the variance so much at least is taken as each position's own, as of declared ones. What a
+#: receiver's filter makes of errors is smoother than a Gauss–Markov process, and differences of
+#: millimetres, believed, pass for a lever arm that turns.
+_OWN = 1.0 - SHARED
 #: Of what residuals do not show, errors common to all satellites, an eighth of σ at least is
 #: thought probable beforehand: 0.5 m, as of broadcast orbits and clocks, of the usual 4 m.
 _LEAST_CENTRE = 0.125
@@ -115,7 +119,7 @@ def _with_noise(event: GnssEvent, errors: FixErrors) -> GnssEvent:
         C_en = C_en_of(event.value_e)
         usual_e = (C_en * usual) @ C_en.T
     W, U, C, D = parts(event.cov_e, usual_e, errors.meaning)
-    own = errors.scale**2 * (1.0 - errors.share) * U + D
+    own = errors.scale**2 * max(1.0 - errors.share, _OWN) * U + D
     common = errors.scale**2 * errors.share * W + C
     shared = event.shared or errors.share > 0.0
     return dataclasses.replace(event, cov_e=own + common, shared=shared, shared_cov_e=common)

@@ -38,6 +38,9 @@ def test_what_is_shared_has_its_usual_size_and_what_is_own_the_declared_one():
     usual, own = np.diag([1.0, 2.0, 4.0]), np.diag([9.0, 9.0, 16.0])
     np.testing.assert_allclose(in_ned(made.common_cov_e), 4.0 * 0.8 * usual, atol=1e-9)
     np.testing.assert_allclose(in_ned(made.cov_e), 4.0 * (0.8 * usual + 0.2 * own), atol=1e-9)
+    nearly = _with_noise(position((9.0, 9.0, 16.0)), found(share=0.9999))
+    left = in_ned(nearly.cov_e - nearly.common_cov_e)
+    np.testing.assert_allclose(left, 4.0 * 0.1 * own, atol=1e-9)  # millimetres teach nothing
     alone = _with_noise(position((9.0, 9.0, 16.0), shared=True), found(share=0.0))
     assert not alone.common_cov_e.any()
     assert _with_noise(position((9.0, 9.0, 16.0)), found(share=0.0)).common_cov_e is None
