@@ -8,6 +8,8 @@ speed leaves both open.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..filters.earth import C_en_of, gravity_e
@@ -22,6 +24,8 @@ from .velocity_matching import heading_offset
 _REACH = 30.0
 #: Vibration, time stamps, lever arm: 1σ of a change of velocity, beside GNSS's own [m/s].
 _FLOOR = 0.15
+#: χ²/dof beyond which neither fits: velocities of twice the noise that is assumed.
+_NEITHER = 4.0
 #: A velocity that counts for less than this beside the others is not one to start from.
 _BORNE_OUT = 0.3
 #: Epochs further apart than this do not make a difference worth having [s].
@@ -59,11 +63,28 @@ def log_odds(
     (chi2_f, dof), (chi2_b, _) = fits
     # Noise that is larger than assumed makes both fit badly, and the difference worth less.
     scale = max(1.0, min(chi2_f, chi2_b) / max(dof, 1))
+    if scale > _NEITHER:
+        return 0.0  # whichever fits less badly
     return 0.5 * (chi2_b - chi2_f) / scale
 
 
-def course_fits(stream: InertialStream, track: VelocityTrack, attitude: InitialAttitude) -> str:
-    """Return why a heading from the course is not to be believed; '' where nothing speaks against.
+class Fit(NamedTuple):
+    """What accelerometers say of a heading from the course.
+
+    Attributes
+    ----------
+    against : str
+        Why it is not to be believed; '' where nothing speaks against it.
+    sigma : float
+        1σ of the heading by the accelerations alone [rad]; inf where they tell nothing.
+    """
+
+    against: str = ""
+    sigma: float = float("inf")
+
+
+def course_fit(stream: InertialStream, track: VelocityTrack, attitude: InitialAttitude) -> Fit:
+    """Hold a heading from the course against the accelerations around it.
 
     A velocity that reflections have made has a course, too. The accelerometers bear out neither
     that velocity nor that heading.
@@ -77,7 +98,7 @@ def course_fits(stream: InertialStream, track: VelocityTrack, attitude: InitialA
     """
     k = _epochs_around(stream, track, attitude.time)
     if k.size < 3:
-        return ""
+        return Fit()
     time = np.union1d(track.time[k], [attitude.time])
     imu = inertial_track(stream, time, attitude.gyro_bias)
     C_ne = C_en_of(track.pos_e[k[0]]).T
@@ -88,15 +109,16 @@ def course_fits(stream: InertialStream, track: VelocityTrack, attitude: InitialA
         (imu.dv_w[rows] @ C_nw.T)[:, :2], C_nw @ imu.C_wb[rows],
     )  # fmt: skip
     if found is None:
-        return ""
+        return Fit()
     limit = max(LARGEST_SIGMA_HEADING, 3.0 * float(np.hypot(found.sigma, attitude.sigma_heading)))
     off = np.degrees(abs(found.offset))
     if abs(found.offset) > limit:
-        return f"the accelerations have the heading {off:.0f}° beside the course"
+        return Fit(f"the accelerations have the heading {off:.0f}° beside the course", found.sigma)
     used = np.flatnonzero(np.abs(track.time[k] - attitude.time) < 1e-6)
     if used.size and found.weight[used[0]] < _BORNE_OUT:
-        return "the accelerations do not bear out the velocity that the course is of"
-    return ""
+        against = "the accelerations do not bear out the velocity that the course is of"
+        return Fit(against, found.sigma)
+    return Fit("", found.sigma)
 
 
 def _epochs_around(stream: InertialStream, track: VelocityTrack, time: float) -> np.ndarray:

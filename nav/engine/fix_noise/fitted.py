@@ -19,6 +19,8 @@ from .loose import loose_pass
 #: Positions from which on the scale of white errors is known to 1/√(6 n) = 10 %. Of fewer the prior
 #: would decide nearly alone.
 _FEWEST = 15
+#: A scale beyond this is none: receivers' σ are off by two or three, jumps by as much as they like.
+_LARGEST = 5.0
 #: Single-point positions declare what reflections may do. Where a tenth of the signals were
 #: reflected, chi²/dof would be a tenth at least, and where signals are reflected others are
 #: blocked, so that now and then there is no position: below both there is nothing to allow for.
@@ -71,6 +73,12 @@ def with_fitted_noise(
         # Reflections that do not last at all would be no reflections.
         lasting = max(course.config.gnss.position_correlation_s, 1.0)
         errors = fit(found, _reflections(course.events, misfit), centre, lasting)
+    if errors.scale > _LARGEST:
+        text = (
+            f"noise of positions: {errors.scale:.0f} times what is declared would fit them, which "
+            "is a jump or wrong data, not noise; as declared"
+        )
+        return course, None, (Note("doubtful", text),)
     return _applied(course, errors), errors, plain([_said(errors, len(used))])
 
 
@@ -83,6 +91,8 @@ def _why_not(course: Course, positions: list[GnssEvent]) -> str:
         return f"of {len(positions)} positions {resolved} have their ambiguities resolved"
     if not any(e.kind != "position" and not e.reason for e in course.events):
         return "without velocities there is nothing to compare positions with"
+    if course.model.antenna is not None:
+        return "where the antenna is, is estimated: what positions share looks like a lever arm"
     return ""
 
 

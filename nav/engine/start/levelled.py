@@ -7,13 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ....alignment.direction import course_fits, log_odds
+from ....alignment.direction import course_fit, log_odds
 from ....alignment.levelling import (
+    LARGEST_SIGMA_HEADING,
     LEVEL_WINDOW,
     InitialAttitude,
     given_attitude,
     level_and_course,
 )
+from ....filters.earth import C_en_of
 from ....filters.errors import AlignmentError
 from ....filters.sensors import ImuSpec
 from ...config import AlignmentConfig
@@ -90,9 +92,9 @@ class LevelledStart:
             self.say(f"levelling: complete at {ready:.1f} s")
             self._due = ready
             return None
-        against = course_fits(self.fixes.stream, self.fixes.track(), attitude)
-        if against:
-            self.say(against)
+        fit = course_fit(self.fixes.stream, self.fixes.track(), attitude)
+        if fit.against:
+            self.say(fit.against)
             self._due, self._after = now + _AGAIN, attitude.time + 1e-3
             return None
         if odds < _SURE:
@@ -101,7 +103,7 @@ class LevelledStart:
             if now > attitude.time + _GIVEN_UP:
                 self._after = now - _AGAIN  # what gyros carry no further is tried anew
             return None
-        return self.fixes.start(attitude)
+        return self.fixes.start(self._as_sure_as(attitude, fit.sigma))
 
     def at_last(self) -> Start:
         """Return the start from what there is: no more will come.
@@ -113,13 +115,27 @@ class LevelledStart:
         """
         self._after = -np.inf
         attitude, odds = self._attitude()
-        while course_fits(self.fixes.stream, self.fixes.track(), attitude):
+        while (fit := course_fit(self.fixes.stream, self.fixes.track(), attitude)).against:
             self._after = attitude.time + 1e-3
             attitude, odds = self._attitude()
+        attitude = self._as_sure_as(attitude, fit.sigma)
         if odds < _SURE:
             message = f"{attitude.message}; {_OPEN}: the likelier is taken"
             attitude = replace(attitude, message=message)
         return self.fixes.start(attitude)
+
+    def _as_sure_as(self, attitude: InitialAttitude, sigma: float) -> InitialAttitude:
+        """Return an attitude whose heading is no better known than what bears it out.
+
+        A velocity may be wrong by far more than it says, and its course with it; beyond 10° (1σ)
+        it is the filter that bears no more.
+        """
+        sigma = min(sigma, LARGEST_SIGMA_HEADING)
+        if sigma <= attitude.sigma_heading:
+            return attitude
+        down_e = C_en_of(self.fixes.pairs[0][1].value_e)[:, 2]
+        more = (sigma**2 - attitude.sigma_heading**2) * np.outer(down_e, down_e)
+        return replace(attitude, cov_e=attitude.cov_e + more, sigma_heading=sigma)
 
     def _attitude(self) -> tuple[InitialAttitude, float]:
         """Return the likelier attitude, and ln of the odds for it against half a turn more."""
