@@ -29,6 +29,7 @@ SETS = [
     "oakville-drives/urban-long-turn-loop-nominal-001",
     "oakville-drives/urban-medium-turn-loop-nominal-001",
     "instinct/spirent_dynamic",
+    "tumsat-tsukishima",
 ]
 # Okabe–Ito: distinguishable with any colour vision.
 BLUE, ORANGE, GREY = "#0072B2", "#E69F00", "#999999"
