@@ -64,8 +64,7 @@ class AlignmentConfig:
     sigma_heading_deg: float = 2.0
     sigma_clock_walk_mps: float = 0.1
     max_window_s: float = 60.0
-    # A start takes three times that, and the filter's linearisation bears 10°.
-    max_sigma_heading_deg: float = 3.3
+    max_sigma_heading_deg: float = 1.5
 
     def __post_init__(self) -> None:
         _choice("alignment.method", self.method, ("auto", "certified", "level+course", "given"))

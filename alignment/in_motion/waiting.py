@@ -20,7 +20,6 @@ from ...filters.rotation import FloatArray
 from ...filters.standstill import is_quiet
 from ...filters.strapdown import InertialStream
 from ...velocity.range_rate import doppler_rows
-from ..levelling import LARGEST_SIGMA_HEADING
 from ..result import Ask
 from .align import InertialAlignment, align_epochs
 from .rows import DopplerEpoch, joined
@@ -29,9 +28,6 @@ from .unknowns import InertialOptions
 
 #: Spread of z over satellites, in σ, up to which an epoch looks like a standstill.
 _STILL = 3.0
-#: 1σ that the heading must have [rad]: a filter that begins at the window's beginning takes a ninth
-#: of what the window knows, 1σ is what 3σ was, and no more than its linearisation bears.
-SIGMA_HEADING = LARGEST_SIGMA_HEADING / 3.0
 #: A first look at a window is right to a factor of two: beyond so many times the limit for the
 #: heading nothing can come of it.
 _HOPELESS = 2.0
@@ -60,7 +56,7 @@ class MotionOptions:
     shortest: float = 5.0
     longest: float = 60.0
     every: float = 1.0
-    sigma_heading: float = SIGMA_HEADING
+    sigma_heading: float = np.radians(1.5)
     shortest_rest: float = 3.0
 
     def __post_init__(self) -> None:

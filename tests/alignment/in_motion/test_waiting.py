@@ -8,7 +8,6 @@ import pytest
 from certnav.alignment.in_motion.rows import DopplerEpoch
 from certnav.alignment.in_motion.unknowns import InertialOptions
 from certnav.alignment.in_motion.waiting import (
-    SIGMA_HEADING,
     MotionAligner,
     MotionOptions,
     attempts,
@@ -53,7 +52,7 @@ def test_waits_says_why_and_starts(moving):
     assert not any("\n" in message for _, message in said)
     truth = simulation.trajectory.C_eb(np.array([attitude.time]))[0]
     assert rotation_angle(attitude.C_eb, truth) < np.radians(5.0)
-    assert attitude.sigma_heading <= SIGMA_HEADING
+    assert attitude.sigma_heading <= np.radians(1.5)
     assert attitude.method == "certified"
 
 

@@ -54,7 +54,7 @@ def events(moving):
 
 @pytest.fixture(scope="module")
 def start(moving, events):
-    return find_start(events, *ingredients(moving[1], max_sigma_heading_deg=1.5))
+    return find_start(events, *ingredients(moving[1]))
 
 
 def errors(simulation, start):

@@ -7,7 +7,7 @@ import pytest
 
 from certnav.alignment.in_motion.rows import DopplerEpoch
 from certnav.alignment.in_motion.waiting import Attempt
-from certnav.alignment.levelling import LARGEST_SIGMA_HEADING, InitialAttitude
+from certnav.alignment.levelling import InitialAttitude
 from certnav.filters.rotation import matrix_from_rpy
 from certnav.nav.config import AlignmentConfig
 from certnav.nav.engine.events import GnssEvent
@@ -93,7 +93,7 @@ class Aligner:
 @pytest.fixture
 def made(monkeypatch):
     def make(window=None, passes_at=15.0, first=0.0, **config):
-        said, config = [], {"max_sigma_heading_deg": 1.5, **config}
+        said = []
         fixes = Fixes(STREAM, rigs.calibration(LEVER), VEHICLES["car"])
         start = CertifiedStart(fixes, AlignmentConfig(**config), rigs.IMU, said.append)
         aligner = Aligner(window or Window(), passes_at, first)
@@ -222,12 +222,6 @@ def test_doppler_outside_the_imu_data_is_none(made):
     for time, taken in ((-0.1, False), (40.1, False), (0.0, True), (40.0, True)):
         it.start.offer(doppler(time))
         assert (time in it.aligner.given) == taken
-
-
-def test_no_start_is_less_sure_than_the_filter_bears():
-    """1σ at the start is three times the limit, unless more was known before."""
-    limit = AlignmentConfig().max_sigma_heading_deg * DEG
-    assert 0.97 * LARGEST_SIGMA_HEADING < 3.0 * limit <= LARGEST_SIGMA_HEADING
 
 
 def test_the_aligner_has_the_configured_limits():
