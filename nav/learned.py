@@ -99,7 +99,7 @@ def _installed(old: Calibration, sections: dict[str, Section], source: str) -> C
             new,
             lever_antenna_b=lever(antenna, "lever_frd_m", ""),
             lever_antenna_source=source,
-            lever_antenna_sigma=_sigma(antenna, "lever_sigma_m"),
+            lever_antenna_sigma=antenna.sigma("lever_sigma_m"),
         )
     if vehicle.has("mounting_rpy_deg"):
         rpy = np.radians(vehicle.numbers("mounting_rpy_deg", (3,), ""))
@@ -107,27 +107,17 @@ def _installed(old: Calibration, sections: dict[str, Section], source: str) -> C
             new,
             C_bv=matrix_from_rpy(rpy).T,
             mounting_source=source,
-            mounting_sigma=float(np.radians(_sigma(vehicle, "mounting_sigma_deg"))),
+            mounting_sigma=float(np.radians(vehicle.sigma("mounting_sigma_deg"))),
         )
     if vehicle.has("wheels_frd_m"):
         new = dataclasses.replace(
             new,
             lever_vehicle_b=lever(vehicle, "wheels_frd_m", ""),
-            lever_vehicle_sigma=_sigma(vehicle, "wheels_sigma_m"),
+            lever_vehicle_sigma=vehicle.sigma("wheels_sigma_m"),
         )
     if sections["imu"].has("time_offset_sigma_s"):
-        new = dataclasses.replace(new, delay_sigma=_sigma(sections["imu"], "time_offset_sigma_s"))
+        new = dataclasses.replace(new, delay_sigma=sections["imu"].sigma("time_offset_sigma_s"))
     return new
-
-
-def _sigma(section: Section, key: str) -> float:
-    """Return a standard deviation; what is not given is exact."""
-    if not section.has(key):
-        return 0.0
-    sigma = float(section.numbers(key, (1,), "")[0])
-    if not sigma >= 0.0:
-        raise section.refuse(key, "0 or more, 1σ")
-    return sigma
 
 
 def _list(values: np.ndarray, digits: int) -> str:

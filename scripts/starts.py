@@ -15,15 +15,17 @@ none before the data ended; *wrong and said* if it is neither but the run ended 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import json
 import os
+import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.loading import load
@@ -34,6 +36,7 @@ from certnav.filters.errors import NavError
 from certnav.filters.rotation import rpy_from_matrix, wrap_angle
 from certnav.nav.config import Config
 from certnav.nav.pipeline import navigate
+from oracles.imu_breaks import turned
 
 #: Error that is no matter for a start, however sure it is [deg].
 _FINE = 5.0
@@ -45,20 +48,6 @@ REAL = {
     "instinct/spirent_dynamic": 0.5,
 }
 VERDICTS = ("right", "waiting", "wrong and said", "wrong and sure")
-
-
-def turned(sequence: Sequence) -> Sequence:
-    """Return the drive with the IMU built in the other way round and declared as before."""
-    half = np.diag([-1.0, -1.0, 1.0])
-    imu = sequence.inertial
-    imu = dataclasses.replace(imu, gyro_b=imu.gyro_b @ half, accel_b=imu.accel_b @ half)
-    lever = half @ sequence.calibration.lever_antenna_b
-    calibration = dataclasses.replace(sequence.calibration, lever_antenna_b=lever)
-    reference = sequence.reference
-    if reference is not None:
-        rpy = reference.rpy * [-1.0, -1.0, 1.0] + [0.0, 0.0, np.pi]
-        reference = dataclasses.replace(reference, rpy=rpy, lever_b=half @ reference.lever_b)
-    return dataclasses.replace(sequence, imu=imu, calibration=calibration, reference=reference)
 
 
 def judged(sequence: Sequence, own: float) -> tuple[str, float, float]:
@@ -100,7 +89,7 @@ def simulated(seeds: range, duration: float, scratch: Path) -> Iterator[tuple[st
                 sequence = load(folder)
                 yield f"{density}, {'in motion' if moving else 'from rest'}", sequence
                 if not moving:
-                    yield f"{density}, reversing", turned(sequence)
+                    yield f"{density}, reversing", turned(sequence, sequence.span[0])
 
 
 def real(every: float, data: Path) -> Iterator[tuple[str, Sequence, float]]:

@@ -173,6 +173,13 @@ class Section:
             raise self.refuse(key, " or ".join(map(str, counts)) + " number(s)")
         return np.array(items, dtype=float)
 
+    def sigma(self, key: str, default: float = 0.0) -> float:
+        """Return a 1σ; 0 is exact."""
+        value = float(self.numbers(key, (1,), "", np.array([default]))[0])
+        if value < 0.0:
+            raise self.refuse(key, "0 or more, 1σ")
+        return value
+
     def path(self, key: str = "file") -> Path:
         """Return a file beside the declaration."""
         name = self.text(key, f'{key} = "{self.name}.csv"')

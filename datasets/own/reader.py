@@ -95,8 +95,8 @@ def read_declared(path: str | Path) -> Sequence:
         C_bv=C_bv,
         lever_vehicle_b=wheels,
         mounting_source=f"declared in {NAME}",
-        mounting_sigma=np.radians(_sigma(vehicle, "mounting_sigma_deg", _BY_EYE)),
-        lever_vehicle_sigma=_sigma(vehicle, "wheels_sigma_m", _TAPE if measured else _ANYWHERE),
+        mounting_sigma=np.radians(vehicle.sigma("mounting_sigma_deg", _BY_EYE)),
+        lever_vehicle_sigma=vehicle.sigma("wheels_sigma_m", _TAPE if measured else _ANYWHERE),
     )
     reference, reference_notes = read_reference(declared, lever_b, wheels)
     time, course = _course(fixes, reference, observations, navigation)
@@ -125,14 +125,6 @@ def read_declared(path: str | Path) -> Sequence:
             *reference_notes,
         ),
     )
-
-
-def _sigma(section: Section, key: str, default: float) -> float:
-    """Return a declared 1σ; 0 is exact."""
-    sigma = float(section.numbers(key, (1,), "", np.array([default]))[0])
-    if sigma < 0.0:
-        raise section.refuse(key, "a number ≥ 0")
-    return sigma
 
 
 def _one_kind_of_time(declared: Declaration) -> None:

@@ -222,6 +222,15 @@ def _linearised(epochs: list[_Epoch], observations: GnssObservations) -> list[Li
     ]
 
 
+def _lacking(epochs: list[_Epoch], observations: GnssObservations) -> FloatArray | None:
+    """Return what the residuals of minutes say each fix's covariance lacks; None: nothing."""
+    more = variance_factor(_linearised(epochs, observations)) - 1.0
+    points = [e.point for e in epochs if isinstance(e.point, Point)]
+    if more <= 0.0 or not points:
+        return None
+    return more * np.array([_lasting(p) for p in points])
+
+
 def _lasting(point: Point) -> FloatArray:
     """Return the covariance that what stays of the ranges leaves in the position."""
     gain = np.linalg.pinv(point.H / point.sigma[:, None])[:3] / point.sigma
@@ -276,7 +285,6 @@ def _single_point(
         tuple(int(row) for e in epochs for row in e.excluded),
         persistent,
         left_out,
-        (variance_factor(_linearised(epochs, observations)) - 1.0)
-        * np.array([_lasting(p) for p in points]).reshape(n, 3, 3),
+        _lacking(epochs, observations),
         float(chi2[spare].sum() / dof[spare].sum()) if spare.any() else float("nan"),
     )

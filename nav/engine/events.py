@@ -69,6 +69,11 @@ class GnssEvent:
     resolved: bool = False
 
     @property
+    def sigma(self) -> float:
+        """1σ per axis [m] or [m/s]."""
+        return float(np.sqrt(np.trace(self.cov_e) / 3.0))
+
+    @property
     def common_cov_e(self) -> FloatArray | None:
         """Covariance of what the positions around it share with it [m²]; None: nothing."""
         if not self.shared:

@@ -189,7 +189,7 @@ class FilterLoop:
                 update = self._apply(event)
             self._sanity.look(self.kalman)
             if event.kind == "velocity":
-                self._heading.take(event.time, event.value_e, event.cov_e, self.kalman)
+                self._heading.take(event, self.kalman)
                 refused = self._patience["velocity"].lasted >= _EVIDENT
                 self._heading.look(self.kalman, refused)
         self.updates.append(update)

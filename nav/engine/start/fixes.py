@@ -97,7 +97,7 @@ class Fixes:
 
     def _can_have(self, velocity: GnssEvent, position: GnssEvent) -> bool:
         """Tell whether a velocity is one that the vehicle can have."""
-        doubt = 3.0 * sigma_of(velocity)
+        doubt = 3.0 * velocity.sigma
         climb = velocity.value_e @ position.value_e / np.linalg.norm(position.value_e)
         return bool(
             level_speed(velocity, position) <= self.vehicle.max_speed + doubt
@@ -120,14 +120,14 @@ class Fixes:
         ordered = np.sort(around, axis=0)
         median = 0.5 * (ordered[(len(around) - 1) // 2] + ordered[len(around) // 2])
         off = np.linalg.norm(velocity.value_e - median)
-        return bool(off <= _ACCELERATION * _AROUND / 2.0 + 3.0 * sigma_of(velocity))
+        return bool(off <= _ACCELERATION * _AROUND / 2.0 + 3.0 * velocity.sigma)
 
     def track(self) -> VelocityTrack:
         """Return all velocities, with their positions, as levelling takes them."""
         return VelocityTrack(
             np.array([v.time for v, _ in self.pairs]),
             np.array([v.value_e for v, _ in self.pairs]),
-            np.array([sigma_of(v) for v, _ in self.pairs]),
+            np.array([v.sigma for v, _ in self.pairs]),
             np.array([p.value_e for _, p in self.pairs]),
         )
 
@@ -158,8 +158,3 @@ def level_speed(velocity: GnssEvent, position: GnssEvent) -> float:
     """Return the horizontal speed [m/s]."""
     up = position.value_e / np.linalg.norm(position.value_e)
     return float(np.linalg.norm(velocity.value_e - up * (up @ velocity.value_e)))
-
-
-def sigma_of(velocity: GnssEvent) -> float:
-    """Return the 1σ per axis of a velocity [m/s]."""
-    return float(np.sqrt(np.trace(velocity.cov_e) / 3.0))

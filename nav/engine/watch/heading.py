@@ -19,6 +19,7 @@ from ....filters.earth import C_en_of, gravity_e
 from ....filters.ekf import ErrorStateFilter
 from ....filters.error_model import ATT
 from ....filters.rotation import FloatArray, matrix_from_rotvec
+from ..events import GnssEvent
 from .sanity import Lost
 
 #: Velocities held against the heading: over how long, and how far apart at least [s].
@@ -89,10 +90,9 @@ class HeadingMonitor:
         self._felt_b = back.T @ self._felt_b + felt_b
         self._turned = self._turned @ back
 
-    def take(
-        self, time: float, vel_e: FloatArray, cov_e: FloatArray, kalman: ErrorStateFilter
-    ) -> None:
+    def take(self, velocity: GnssEvent, kalman: ErrorStateFilter) -> None:
         """Take a velocity of the antenna, whatever becomes of it in the filter."""
+        time, vel_e = velocity.time, velocity.value_e
         if not np.isfinite(vel_e).all():
             return
         if self._intervals and time - self._intervals[-1].time < _APART:
@@ -101,9 +101,8 @@ class HeadingMonitor:
         near = np.clip(kalman.bias[:6] - self._start_bias, -self._spread, self._spread)
         self._believed = self._start_bias + near
         lever_velocity_b = np.cross(kalman.omega_b, self.lever_antenna_b)
-        sigma = float(np.sqrt(np.trace(cov_e) / 3.0))
         self._intervals.append(
-            _Interval(time, vel_e, sigma, lever_velocity_b, self._felt_b, self._turned)
+            _Interval(time, vel_e, velocity.sigma, lever_velocity_b, self._felt_b, self._turned)
         )
         self._begin_interval()
         while self._intervals[0].time < time - _WINDOW:

@@ -7,7 +7,7 @@ import pytest
 
 from certnav.filters.strapdown import InertialStream
 from certnav.nav.engine.events import GnssEvent, missing
-from certnav.nav.engine.start.fixes import Fixes, level_speed, sigma_of
+from certnav.nav.engine.start.fixes import Fixes, level_speed
 from certnav.nav.vehicles import VEHICLES
 from oracles import rigs
 
@@ -149,4 +149,4 @@ def test_speed_is_level_and_sigma_per_axis():
     climbing = velocity(0.0, 3.0 * NORTH - 4.0 * EAST + 12.0 * DOWN)
     assert level_speed(climbing, position(0.0)) == pytest.approx(5.0, abs=0.1)
     event = GnssEvent(0.0, "velocity", NORTH, np.diag([1.0, 4.0, 7.0]))
-    assert sigma_of(event) == pytest.approx(2.0)
+    assert event.sigma == pytest.approx(2.0)
