@@ -2,6 +2,7 @@
 
     config, config_files        what a run is asked, and how it is written down
     solution, notes             what it returns, what it tells
+    signals                     what became of every satellite signal
     installation                how the IMU sits in the vehicle
     learned                     what a run found of that, for the next one
     pipeline, navigator         a whole recording; a live vehicle

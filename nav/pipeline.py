@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..datasets.observations import GnssObservations
 from ..datasets.sequence import Sequence
 from ..filters.compiled import rows as layout
 from ..filters.earth import C_en_of
@@ -25,7 +26,8 @@ from .engine.model import error_model
 from .engine.vehicle import VehicleConstraints
 from .engine.watch.doubts import doubts, outages
 from .notes import Note, clock, plain
-from .solution import Solution, Trajectory
+from .signals import Signals, signal_log
+from .solution import Solution, Trajectory, Update
 from .sweep import in_order
 
 Progress = Callable[[float, str], None]
@@ -104,12 +106,13 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         status = "doubtful"
     aligning = sum(leg.aligning for leg in made)
     spent = time.perf_counter() - began
+    trajectory = with_lasting(
+        trajectory_from_rows(np.vstack([leg.rows for leg in made if len(leg.rows)])),
+        timeline.events,
+    )
     return Solution(
         name=sequence.name,
-        trajectory=with_lasting(
-            trajectory_from_rows(np.vstack([leg.rows for leg in made if len(leg.rows)])),
-            timeline.events,
-        ),
+        trajectory=trajectory,
         updates=updates,
         alignment=made[0].start.report(float(imu.time[0])),
         epochs=timeline.epochs,
@@ -118,7 +121,36 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         status=status,
         installation=installed,
         fix_errors=errors,
+        signals=_signals(timeline.observations, sequence, trajectory, updates),
     )
+
+
+def _signals(
+    observations: GnssObservations | None,
+    sequence: Sequence,
+    trajectory: Trajectory,
+    updates: Iterable[Update],
+) -> Signals | None:
+    """Return what became of the satellite signals, seen from the antenna of the solution."""
+    if observations is None or not len(observations):
+        return None
+    used = [(u.time, u.satellites) for u in updates if u.accepted and u.satellites]
+    lever_b, imu = sequence.calibration.lever_antenna_b, sequence.inertial
+    rate_e = (trajectory.C_eb @ at_times(imu.time, imu.gyro_b, trajectory.time)[:, :, None])[
+        :, :, 0
+    ]
+    lever_e = trajectory.C_eb @ lever_b
+    vel_e = trajectory.vel_e + np.cross(rate_e, lever_e)
+    place = at_times(trajectory.time, trajectory.pos_e + lever_e, observations.time)
+    return signal_log(
+        observations, used, place, at_times(trajectory.time, vel_e, observations.time)
+    )
+
+
+def at_times(t: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Return vectors interpolated, shape (n, 3); NaN outside of `t`."""
+    columns = [np.interp(wanted, t, v, left=np.nan, right=np.nan) for v in values.T]
+    return np.stack(columns, axis=-1)
 
 
 def trajectory_from_rows(rows: FloatArray) -> Trajectory:

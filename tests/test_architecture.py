@@ -32,7 +32,7 @@ NAV = (
     ("navigator", "pipeline"),
     ("engine",),
     ("_frames", "config_files", "rejections", "rest", "solution", "sweep"),
-    ("config", "installation", "notes"),
+    ("config", "installation", "notes", "signals"),
     ("vehicles",),
 )
 NEIGHBOURS = {("compare", "windows")}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import logging
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from ...datasets.cache import kept_in
@@ -41,11 +42,12 @@ def navigate_folder(
     say: bool = True,
     calibration: Path | None = None,
     learn: Path | None = None,
+    figures: str | None = None,
 ) -> tuple[Path, str]:
     """Load, check, navigate, evaluate, write the result directory, and print the summary.
 
     With `say` off nothing is printed; `calibration` is read, and `learn` written, as of
-    `nav.learned`.
+    `nav.learned`; `figures` is the format of figures for papers, which are not drawn without one.
 
     Returns the directory, and the status of the solution.
     """
@@ -74,7 +76,7 @@ def navigate_folder(
         solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
         write_result(
             out, solution, evaluation, sequence, config, formats,
-            draw=_draw if report_page else None, table=table,
+            draw=_drawing(report_page, figures), table=table,
         )  # fmt: skip
     if learn is not None:
         write_file(learn, learned(solution).encode())
@@ -84,10 +86,21 @@ def navigate_folder(
     return out, solution.status
 
 
-def _draw(draft: Path) -> None:
-    from ..report.run import write_report  # matplotlib is slow to import
+def _drawing(page: bool, figures: str | None) -> Callable[[Path], None] | None:
+    """Return what draws into a result directory: the page, figures for papers, both or nothing."""
+    if not page and figures is None:
+        return None
 
-    write_report(draft)
+    def draw(draft: Path) -> None:
+        from ..report import write_figures, write_report  # slow to import
+        from ..results.directory import read_result
+
+        if page:
+            write_report(draft)
+        if figures is not None:
+            write_figures(read_result(draft), draft / "figures", figures)
+
+    return draw
 
 
 def cache_folder(out: Path | None) -> Path:

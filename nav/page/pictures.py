@@ -9,6 +9,7 @@ import base64
 import io
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 import matplotlib
@@ -32,6 +33,15 @@ _STYLE = {
     "svg.hashsalt": "certnav", "figure.constrained_layout.use": True, "figure.dpi": 100.0,
     "axes.formatter.useoffset": False, "figure.constrained_layout.wspace": 0.03,
 }  # fmt: skip
+
+
+def save(draw: Callable[[T], Figure | None], shown: T, path: Path) -> bool:
+    """Write a figure to a file of matplotlib's formats (pdf, svg, png); False where it has none."""
+    with matplotlib.rc_context(_STYLE):
+        figure = draw(shown)
+        if figure is not None:
+            figure.savefig(path, dpi=200)
+    return figure is not None
 
 
 def render(draw: Callable[[T], Figure | None], shown: T) -> str | None:
