@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -79,11 +80,21 @@ def navigate_folder(
             draw=_drawing(report_page, figures), table=table,
         )  # fmt: skip
     if learn is not None:
-        write_file(learn, learned(solution).encode())
+        _write_learned(learn, solution)
     _log.info("%s: all of it in %.2f s", out, time.perf_counter() - began)
     if say:
         _print_summary(solution, evaluation, sequence, out)
     return out, solution.status
+
+
+def _write_learned(file: Path, solution: Solution) -> None:
+    """Write what was learned; a run that has learned nothing says so, and has its result."""
+    try:
+        text = learned(solution)
+    except DataError as error:
+        print(f"certnav: {file} not written: {error}", file=sys.stderr)
+        return
+    write_file(file, text.encode())
 
 
 def _drawing(page: bool, figures: str | None) -> Callable[[Path], None] | None:
