@@ -8,7 +8,8 @@
     local_velocity   the vehicle's own velocity, from odometer and gyros
     priors           a known vertical or heading, as rows of the same problem
     observability    which windows determine a rotation at all
-    verdict, result  align, and the verdicts that its result carries
+    entrance         align: arrays in, one result out
+    verdict, result  the verdicts on a solution, and the result that carries them
     row_selection,   the same where part of the rows is wrong
     robust
     levelling        the conventional start: levelling and course
@@ -31,6 +32,7 @@ from typing import TYPE_CHECKING
 from ..lazy import names
 
 if TYPE_CHECKING:
+    from .entrance import align
     from .levelling import InitialAttitude, VelocityTrack, given_attitude, level_and_course
     from .local_velocity import LocalTrack, inertial_track, planar_track
     from .observability import Geometry
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
     from .result import AlignmentResult, Ask, Verdict
     from .robust import RobustAlignment, RobustOptions, align_robust
     from .status import AlignmentStatus
-    from .verdict import VerdictLimits, align, judge
+    from .verdict import VerdictLimits, judge
 
 __all__ = [
     "AlignmentProblem",
@@ -73,7 +75,8 @@ __all__ = [
 __getattr__, __dir__ = names(
     __name__,
     {
-        "verdict": ("VerdictLimits", "align", "judge"),
+        "entrance": ("align",),
+        "verdict": ("VerdictLimits", "judge"),
         "result": ("AlignmentResult", "Ask", "Verdict"),
         "status": ("AlignmentStatus",),
         "problem": ("AlignmentProblem", "AlignmentRows", "ClockModel", "build_problem"),
