@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING
 from ..lazy import names
 
 if TYPE_CHECKING:
+    from .anywhere.align import AnywhereAlignment, align_anywhere
     from .entrance import align
     from .levelling import InitialAttitude, VelocityTrack, given_attitude, level_and_course
     from .local_velocity import LocalTrack, inertial_track, planar_track
@@ -48,6 +49,7 @@ __all__ = [
     "AlignmentResult",
     "AlignmentRows",
     "AlignmentStatus",
+    "AnywhereAlignment",
     "Ask",
     "ClockModel",
     "Geometry",
@@ -60,6 +62,7 @@ __all__ = [
     "Verdict",
     "VerdictLimits",
     "align",
+    "align_anywhere",
     "align_robust",
     "build_problem",
     "given_attitude",
@@ -75,6 +78,7 @@ __all__ = [
 __getattr__, __dir__ = names(
     __name__,
     {
+        "anywhere.align": ("AnywhereAlignment", "align_anywhere"),
         "entrance": ("align",),
         "verdict": ("VerdictLimits", "judge"),
         "result": ("AlignmentResult", "Ask", "Verdict"),

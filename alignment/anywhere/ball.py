@@ -37,7 +37,8 @@ from .signals import acceleration
 
 #: Largest third and fourth derivatives of a length, in 1/ρ² and 1/ρ³.
 THIRD, FOURTH = 2.0 / np.sqrt(3.0), 3.0
-#: What differences leave of ∂z/∂p, what J is off by (κ, light time: some v/c), and rounding [m/s].
+#: What differences leave of ∂z/∂p, what J and h are off by (κ, light time: some v/c), and rounding
+#: [m/s].
 _SLOPE, _TURN, _ROUNDING = 1e-8, 1e-4, 1e-7
 #: How far time and scale may be off beyond what is known of them, in σ.
 _SIGMAS = 4.0
@@ -176,7 +177,7 @@ class _Remainders:
         turn = 2.0 * np.sin(0.5 * min(angle, np.pi))
         way, reach = turn * self.way, radius + turn * self.way
         near = self.joint.sight.distance - reach
-        left = self.curve * (radius * way + 0.5 * way**2)
+        left = self.curve * (radius * way + 0.5 * way**2 + _TURN * radius**2)
         left += FOURTH / 6.0 * self.rate * reach**3 / near**3
         left += 0.5 * THIRD * self.speed * reach**2 / near**2 + way * self.speed / near
         left += _SLOPE * self.slope * reach + _TURN * self.speed * radius / near + _ROUNDING
