@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from ...filters.rotation import FloatArray, wrap_angle
 from .methods import Believed, clock_model, solve
 from .noise import WindowNoise, fit_window_noise
 from .options import WindowOptions
-from .rows import alignment_rows, local_track, prepared_observations
+from .rows import alignment_rows, local_track, position_sigma, prepared_observations
 
 
 @dataclass(frozen=True)
@@ -128,13 +128,16 @@ def _noise(
     """Return the noise of the rows, fitted to all windows if so asked."""
     if options.noise == "assumed":
         return WindowNoise()
-    windows = []
+    # Whatever the speed's own errors are, scale or lag, they belong to what a row is off by: a
+    # scale left free here would make rows look surer and less alike than they are.
+    windows, exact = [], replace(options, sigma_local_mps=0.0, speed_scale_sigma=0.0)
     for start in starts:
         inside = _inside(observations, start, options)
         part = observations.take(inside)
         try:
             track = local_track(sequence, start, start + options.window)
-            rows = alignment_rows(part, pos_e[inside], track, 0.0, WindowNoise())
+            near = position_sigma(sequence, options, start, start + options.window)
+            rows = alignment_rows(part, pos_e[inside], track, exact, WindowNoise(), near)
         except AlignmentError:
             continue
         windows.append((rows, part))
@@ -164,7 +167,8 @@ def align_window(
         if not inside.any():
             raise AlignmentError("no Doppler in this window")
         track = local_track(sequence, start, end)
-        rows = alignment_rows(part, pos_e[inside], track, options.sigma_local_mps, noise)
+        near = position_sigma(sequence, options, start, end)
+        rows = alignment_rows(part, pos_e[inside], track, options, noise, near)
     except AlignmentError as error:
         return WindowResult(start, 0, len(part), nan, "FAILED", nan, nan, nan, nan, str(error))
     epochs = int(np.unique(rows.epoch).size)

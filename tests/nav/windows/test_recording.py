@@ -117,7 +117,7 @@ def test_command_prints_table_and_json(data_dir, tmp_path, capsys):
     result = json.loads(capsys.readouterr().out)
     assert len(result["windows"]) == 9
     assert {"heading_deg", "error_deg", "status", "chi2_per_dof"} <= set(result["windows"][0])
-    assert result["noise"]["source"] == "assumed"
+    assert result["noise"]["source"] == "fitted" and result["level_deg"] == 2.0
 
 
 def test_level_vehicle_and_fitted_noise_find_the_heading(exact):
@@ -174,7 +174,7 @@ def test_proofs_are_written_verified_and_refused_when_tampered_with(data_dir, tm
     path, proof = str(data_dir / "smartloc-berlin1"), tmp_path / "proof.json"
     assert main(["align", path, "--step", "20", "--proof", str(proof)]) == 0
     table = capsys.readouterr().out
-    assert "OUABCK" in table and "Doppler σ assumed" in table
+    assert "OUABCK" in table and "Doppler σ fitted" in table
     assert main(["verify", str(proof)]) == 0
     assert "3 of 3 proofs hold" in capsys.readouterr().out
     assert main(["verify", str(proof), "--rows", path]) == 0
