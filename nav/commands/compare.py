@@ -43,6 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, default=Path("results/comparison"), metavar="DIR",
         help="page, figures and one result directory a method [results/comparison]",
     )  # fmt: skip
+    parser.add_argument(
+        "--reports", action="store_true",
+        help="draw the report of every run, too: most of the time (certnav report DIR draws one)",
+    )  # fmt: skip
     parser.add_argument("--jobs", type=int, default=-1, help="processes, −1: all processors")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to spread over")
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
@@ -58,7 +62,6 @@ def run(arguments: argparse.Namespace) -> None:
     from ..compare.methods import parse_methods
     from ..compare.report import check_replaceable, write_page
     from ..config_files import load_config
-    from ..report.run import write_report
     from ..spells.outages import parse_outages
     from .progress import progress
 
@@ -74,11 +77,17 @@ def run(arguments: argparse.Namespace) -> None:
         with progress() as report, kept_in(out.parent / ".certnav-cache"):
             comparison = compare(
                 [load(path, **config.data) for path in arguments.path], methods, outages, config,
-                seeds=arguments.seeds, out=draft, draw=write_report, jobs=arguments.jobs,
-                scheduler=arguments.scheduler, progress=report,
+                seeds=arguments.seeds, out=draft, draw=_report if arguments.reports else None,
+                jobs=arguments.jobs, scheduler=arguments.scheduler, progress=report,
             )  # fmt: skip
         write_page(comparison, draft)
     say(comparison, out, arguments.json)
+
+
+def _report(draft: Path) -> None:
+    from ..report.run import write_report  # slow to import
+
+    write_report(draft)
 
 
 def say(comparison: Comparison, out: Path, as_json: bool) -> None:
