@@ -4,7 +4,8 @@
 gnss-only           positions and velocities as GNSS has them, interpolated between neighbouring
                     epochs, held where there are none; no IMU
 alignment-only      starts like every other run, then the IMU alone
-certified-only      starts certified, from IMU and Doppler in motion, then the IMU alone
+certified-only      starts certified, from IMU and Doppler in motion and from the latest position,
+                    however old; then the IMU alone
 lc4                 loose coupling with four satellites and more; below, inertial
 lc+ddia             and DDIA-VE's velocity from two or three
 lc+rows             and each satellite difference as a measurement from two or three
@@ -36,6 +37,19 @@ from ..solution import AlignmentReport, Solution, Trajectory, Update
 
 #: Below this speed the course of a GNSS velocity is no heading; the last one is held [m/s].
 _MIN_SPEED = 2.0
+_SENTENCES = {
+    "gnss": "Positions and velocities as GNSS has them, interpolated between epochs, held where "
+    "there are none; no IMU.",
+    "inertial": "The start that every run has, with GNSS until it is found; then the IMU alone.",
+    "certified": "An attitude certified in motion from IMU and Doppler, with the latest position "
+    "until then; then the IMU alone.",
+    "off": "Loose coupling with four satellites and more; below four the IMU alone.",
+    "ddia": "Loose coupling; from two or three satellites the velocity of DDIA-VE.",
+    "rows": "Loose coupling; from two or three satellites each difference of their Doppler as a "
+    "measurement.",
+    "windows": "Heading of sliding windows, each aligned for itself from Doppler and local "
+    "velocity; no position.",
+}
 #: Kinds that have no GNSS once there is a start.
 ALONE = ("inertial", "certified")
 #: An epoch is in force for so many median intervals.
@@ -59,6 +73,13 @@ class Method:
     below_four: str = "off"
     vehicle: bool = False
     smooth: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """What it does, for people."""
+        words = _SENTENCES[self.below_four if self.kind == "loose" else self.kind]
+        words += " The vehicle's constraints hold throughout, as configured." * self.vehicle
+        return words + " Smoothed: every epoch knows what came after it." * self.smooth
 
     def config(self, base: Config) -> Config:
         """Return the configuration that makes a run this method."""

@@ -35,6 +35,8 @@ p { margin: 4px 0 10px; max-width: 90ch; }
 .split { display: grid; grid-template-columns: minmax(0, 720px) minmax(0, 1fr); gap: 32px; }
 figure { margin: 8px 0 0; }
 figure img { display: block; width: 100%; height: auto; }
+.wide { overflow-x: auto; }
+.wide td.n { white-space: nowrap; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 14px; }
 th, td { padding: 4px 14px 4px 0; text-align: left; vertical-align: top;
   border-bottom: 1px solid var(--rule); }
@@ -85,4 +87,5 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[object]], numbers_fro
         "<tr>" + "".join(cell("th" if k == 0 else "td", k, v) for k, v in enumerate(row)) + "</tr>"
         for row in rows
     )
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+    content = f"<thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody>"
+    return f'<div class="wide"><table>{content}</table></div>'
