@@ -35,6 +35,8 @@ p { margin: 4px 0 10px; max-width: 90ch; }
 .split { display: grid; grid-template-columns: minmax(0, 720px) minmax(0, 1fr); gap: 32px; }
 figure { margin: 8px 0 0; }
 figure img { display: block; width: 100%; height: auto; }
+.wide { overflow-x: auto; }
+.wide td.n { white-space: nowrap; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 14px; }
 th, td { padding: 4px 14px 4px 0; text-align: left; vertical-align: top;
   border-bottom: 1px solid var(--rule); }
