@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> None:
     from ..config_files import load_config
     from ..report.run import write_report
     from ..spells.outages import parse_outages
-    from .progress import progress
+    from .terminal.progress import progress
 
     if arguments.seeds < 1:
         raise ConfigError(f"--seeds: expected at least 1, found {arguments.seeds}")
