@@ -16,7 +16,8 @@
     results/                    the result directory
     page/ report/               what all pages share; the page of a run
     check/ compare/             recordings against physics; methods side by side
-    tune/ windows/              thresholds from data; alignment windows of a recording
+    study/ tune/                the DDIA-VE paper of any drive; settings from data
+    windows/                    alignment windows of a recording
     commands/                   the command line
 
 The names below are imported when they are first asked for.

@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> None:
     from ..compare.report import check_replaceable, write_page
     from ..config_files import load_config
     from ..spells.outages import parse_outages
-    from .progress import progress
+    from .terminal.progress import progress
 
     if arguments.seeds < 1:
         raise ConfigError(f"--seeds: expected at least 1, found {arguments.seeds}")

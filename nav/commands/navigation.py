@@ -25,7 +25,7 @@ from ..pipeline import navigate
 from ..results.directory import check_replaceable, write_result
 from ..solution import Solution
 from ..vehicles import VEHICLES, would_explain
-from .progress import announce_kernels, progress
+from .terminal.progress import announce_kernels, progress
 
 _log = logging.getLogger(__name__)
 

@@ -35,13 +35,15 @@ _STYLE = {
 }  # fmt: skip
 
 
-def save(draw: Callable[[T], Figure | None], shown: T, path: Path) -> bool:
-    """Write a figure to a file of matplotlib's formats (pdf, svg, png); False where it has none."""
-    with matplotlib.rc_context(_STYLE):
+def save(draw: Callable[[T], Figure | None], shown: T, file: Path) -> bool:
+    """Write a figure as pdf, svg or png by its suffix; return whether there was something to show."""
+    with matplotlib.rc_context(_STYLE | {"pdf.fonttype": 42}):
         figure = draw(shown)
-        if figure is not None:
-            figure.savefig(path, dpi=200)
-    return figure is not None
+        if figure is None:
+            return False
+        dated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+        figure.savefig(file, dpi=200, metadata=dated.get(file.suffix))
+    return True
 
 
 def render(draw: Callable[[T], Figure | None], shown: T) -> str | None:
