@@ -21,7 +21,7 @@ def is_receiver_file(path: Path) -> bool:
     """Return whether a file holds a receiver's observations: a raw log, or RINEX, packed or not."""
     if not path.is_file():
         return False
-    from ..rtklib.given_files import is_observed  # RTKLIB is slow to import
+    from ..rtklib.logs.given_files import is_observed  # RTKLIB is slow to import
 
     return is_observed(path)
 

@@ -45,7 +45,7 @@ def _of_log(path: Path, content: bytes) -> str:
         numbers = frames.count(name)
         return "ON" if any(n in numbers for n in FORMATS[name].navigation) else "O"
     if frames.frames and not frames.count("ubx")[_NAV_PVT] and b"$G" not in content:
-        from ..rtklib.raw_logs import raw_log
+        from ..rtklib.logs.raw_logs import raw_log
 
         raw_log(path)  # refuses, and says what to switch on
     return ""

@@ -8,10 +8,10 @@ through single precision (≤ 0.25 mHz, that is 0.05 mm/s, for Dopplers below 4 
 """
 
 from .atmosphere import ionosphere_delay, troposphere_delay
-from .given_files import GivenFiles, given_files
 from .kept import read_observations
+from .logs.given_files import GivenFiles, given_files
+from .logs.raw_logs import RawLog, is_raw_log, raw_log
 from .positioning import SinglePoint, single_point
-from .raw_logs import RawLog, is_raw_log, raw_log
 from .rtk import RelativePositions, relative_positions
 from .satellites import SatelliteStates, satellite_states
 

@@ -199,7 +199,7 @@ def test_conversion_is_kept(tmp_path, frames, monkeypatch):
     log = written(tmp_path, "drive.ubx", frames)
     with kept_in(tmp_path / "kept"):
         first = raw_log(log)
-    monkeypatch.setattr("certnav.datasets.rtklib.raw_logs._convert", None)
+    monkeypatch.setattr("certnav.datasets.rtklib.logs.raw_logs._convert", None)
     moved = tmp_path / "moved.ubx"
     moved.write_bytes(log.read_bytes())
     with kept_in(tmp_path / "kept"):

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...filters.errors import DataError
-from ..text.rinex_packing import plain_rinex
-from ..text.rinex_repair import without_mark
+from ....filters.errors import DataError
+from ...text.rinex_packing import plain_rinex
+from ...text.rinex_repair import without_mark
 from .raw_logs import is_raw_log, raw_log
 
 
