@@ -86,6 +86,9 @@ FORMATS: dict[str, Format] = {
     ),
     "tumsat": Format("formats.tumsat", "tumsat", "GNSSTCData*.mat with IMUData*.mat"),
     "spirent": Format("formats.instinct", "spirent", "Rover-*_MO_*.obs with *_PVA_*.csv"),
+    "receiver": Format(
+        "formats.receiver_file", "receiver_file", "a receiver's log or RINEX, itself named"
+    ),
 }
 
 
@@ -98,7 +101,7 @@ def recognise(path: str | Path) -> str:
     """Return the name of the format a folder is in.
 
     A declaration goes before everything else the folder may look like; it may also be named
-    itself (``drive.toml``).
+    itself (``drive.toml``), and so may a receiver's log or RINEX observations.
 
     Raises
     ------
@@ -111,6 +114,8 @@ def recognise(path: str | Path) -> str:
     if folder.is_file() and folder.suffix == ".toml":
         return "declared"
     if not folder.is_dir():
+        if FORMATS["receiver"].detect(folder):
+            return "receiver"
         raise DataError("expected a folder, found a file", file=folder, remedy="name its folder")
     known = formats()
     found = [name for name, kind in known.items() if kind.detect(folder)]

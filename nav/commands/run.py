@@ -16,7 +16,14 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``certnav run`` to its parser."""
-    parser.add_argument("path", type=Path, help="folder of the sequence")
+    parser.add_argument(
+        "path", type=Path, help="folder of the sequence, its sequence.toml, or with --imu a "
+        "receiver's file: a raw log (UBX, SBF, RTCM 3, NovAtel) or RINEX",
+    )  # fmt: skip
+    parser.add_argument(
+        "--imu", type=Path, metavar="FILE",
+        help="the IMU's file beside a receiver's: both by a declaration, which is drafted first",
+    )  # fmt: skip
     parser.add_argument("--config", type=Path, metavar="FILE", help="configuration (TOML)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
@@ -34,7 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--base", type=Path, metavar="FILE",
-        help="RINEX of a base station, or a folder of them: RTK positions (gnss.position = rtk)",
+        help="RINEX or raw log of a base station, or a folder of them: RTK positions "
+        "(gnss.position = rtk)",
     )  # fmt: skip
     parser.add_argument(
         "--great", metavar="NAME",
@@ -67,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     import dataclasses
 
     from ...datasets.great.catalogue import great_sequence
+    from ...datasets.own.drafted import declaration_of
     from ...filters.errors import ConfigError
     from ..config_files import load_config
     from ..results.formats import parse_formats
@@ -78,6 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
         gnss = dataclasses.replace(config.gnss, base=str(arguments.base), position="rtk")
         config = dataclasses.replace(config, gnss=gnss)
     path = arguments.path
+    if arguments.imu is not None:
+        path = declaration_of(path, arguments.imu)
     if arguments.great is not None:
         path, data = great_sequence(path, arguments.great, config.data)
         config = dataclasses.replace(config, data=data)

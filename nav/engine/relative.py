@@ -86,16 +86,24 @@ def with_relative_positions(
 
 
 def base_files(config: GnssConfig, sequence: Sequence) -> tuple[Path, ...]:
-    """Return the base station's files: those configured, else those of the recording."""
-    if not config.base:
-        return sequence.base
-    given = Path(config.base)
+    """Return the base station's files as plain RINEX: those configured, or the recording's."""
+    from ...datasets.rtklib import given_files
+
+    near = 0.5 * sum(sequence.span)
+    files = _configured(config.base) if config.base else sequence.base
+    return tuple(given_files(file, near=near).observations for file in files)
+
+
+def _configured(base: str) -> tuple[Path, ...]:
+    given = Path(base)
     if not given.is_dir():
         return (given,)
     from ...datasets.great.files import is_rinex_name, rinex_kind
+    from ...datasets.rtklib import is_raw_log
 
-    files = sorted(f for f in given.iterdir() if f.is_file() and is_rinex_name(f.name))
-    files = [f for f in files if rinex_kind(f) == "O"]
+    inside = sorted(f for f in given.iterdir() if f.is_file())
+    files = [f for f in inside if is_rinex_name(f.name) and rinex_kind(f) == "O"]
+    files = files or [f for f in inside if is_raw_log(f)]
     if not files:
         raise DataError("no RINEX observations in this folder", file=given, remedy="check --base")
     return tuple(files)

@@ -53,6 +53,12 @@ def _rinex(folder: Path) -> Any:
     return read_observations(folder / "rover.obs", [folder / "brdc.nav"], signals="all")
 
 
+def _raw_log(folder: Path) -> Any:
+    from certnav.datasets.loading import load
+
+    return [load(file) for file in sorted(folder.iterdir())]
+
+
 def _relative(folder: Path) -> None:
     from certnav.datasets.rtklib import read_observations, relative_positions
 
@@ -108,6 +114,7 @@ READ: dict[str, Callable[[Path], Any]] = {
     "rtklib_pos_dms": _file("certnav.datasets.formats.rtklib_pos", "read_pos", "a.pos"),
     "ubx": _file("certnav.datasets.formats.ubx", "read_ubx", "a.ubx"),
     "nmea": _file("certnav.datasets.formats.nmea", "read_nmea", "a.nmea"),
+    **dict.fromkeys(("raw_ubx", "raw_sbf", "raw_novatel", "raw_rtcm3"), _raw_log),
     "kfgins": _load(),
     "oakville": _load(),
     "rtklibexplorer": _load(),
