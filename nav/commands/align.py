@@ -36,6 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--clock-walk", type=float, default=0.1, metavar="Q", help="of --clock random-walk, m/s/√s"
     )
+    parser.add_argument(
+        "--phase", default="gate",
+        help="carrier phase: gate leaves out Doppler that contradicts it, rates also takes its "
+        "rates instead, off [gate]",
+    )  # fmt: skip
     parser.add_argument("--min-cn0", type=float, default=0.0, metavar="DB", help="[dB-Hz]")
     parser.add_argument(
         "--level", type=float, metavar="DEG", help="the vehicle is level within so much, 1σ"
@@ -65,6 +70,7 @@ def run(arguments: argparse.Namespace) -> None:
         labels=arguments.rows,
         decimate=arguments.decimate,
         noise=arguments.noise,
+        phase=arguments.phase,
         min_cn0=arguments.min_cn0,
         level_deg=arguments.level,
         clock_walk=arguments.clock_walk,
