@@ -52,6 +52,17 @@ class LineOfSight(NamedTuple):
         return f"LineOfSight({np.size(self.range)} satellites)"
 
 
+#: Elevation over which what low signals have too much of falls to 1/e [rad].
+_LOW = np.radians(10.0)
+
+
+def low_share(elevation: ArrayLike) -> FloatArray:
+    """Return e^(−elevation/10°): 1 at the horizon, 0 where the elevation [rad] is not known."""
+    elevation = np.asarray(elevation, dtype=float)
+    up = np.where(np.isnan(elevation), np.inf, np.maximum(elevation, 0.0))
+    return np.asarray(np.exp(-up / _LOW), dtype=float)
+
+
 @dataclass(frozen=True)
 class DopplerNoise:
     """Range-rate noise as a function of C/N0.
@@ -73,12 +84,15 @@ class DopplerNoise:
     decade_db : float
         C/N0 over which the first part changes tenfold [dB]: 20 for thermal noise, less where
         weak signals are reflections. `velocity.doppler_noise` fits it.
+    low : float
+        How much larger σ is at the horizon than C/N0 alone says: times 1 + low·e^(−elevation/10°).
     """
 
     sigma_45: float = 0.06
     floor: float = 0.04
     unknown_cn0: float = 35.0
     decade_db: float = 20.0
+    low: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.sigma_45 >= 0.0 and self.floor > 0.0):
@@ -88,12 +102,20 @@ class DopplerNoise:
             )
         if not self.decade_db > 0.0:
             raise ConfigError(f"Doppler noise: expected decade_db > 0, found {self.decade_db!r}")
+        if not 0.0 <= self.low < np.inf:
+            raise ConfigError(f"Doppler noise: expected low ≥ 0, found {self.low!r}")
 
-    def sigma(self, cn0: ArrayLike) -> FloatArray:
-        """Return 1σ [m/s] of range rates with `cn0` [dB-Hz]."""
+    def sigma(self, cn0: ArrayLike, elevation: ArrayLike | None = None) -> FloatArray:
+        """Return 1σ [m/s] of range rates with `cn0` [dB-Hz].
+
+        `elevation` [rad] counts where it is known and `low` is not zero.
+        """
         cn0 = np.asarray(cn0, dtype=float)
         known = np.where(np.isnan(cn0), self.unknown_cn0, cn0)
-        return np.hypot(self.floor, self.sigma_45 * 10.0 ** ((45.0 - known) / self.decade_db))
+        sigma = np.hypot(self.floor, self.sigma_45 * 10.0 ** ((45.0 - known) / self.decade_db))
+        if elevation is None or self.low == 0.0:
+            return sigma
+        return np.asarray(sigma * (1.0 + self.low * low_share(elevation)), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +253,7 @@ def doppler_rows(
     sight = line_of_sight(pos_e, observations.sat_pos_e[row], observations.sat_vel_e[row])
     counted, sent = observations.range_rate[row], observations.sat_clock_drift[row]
     e_e, z = rows_at(sight, pos_e, counted, sent)
-    sigma = (noise or DopplerNoise()).sigma(observations.cn0[row])
+    sigma = (noise or DopplerNoise()).sigma(observations.cn0[row], observations.elevation[row])
     by_pos = _by_position(sight, pos_e)
     return DopplerRows(row, observations.sat[row], e_e, z, sigma, by_pos)
 

@@ -36,6 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--clock-walk", type=float, default=0.1, metavar="Q", help="of --clock random-walk, m/s/√s"
     )
+    parser.add_argument(
+        "--phase", default="gate",
+        help="carrier phase: gate leaves out Doppler that contradicts it, rates also takes its "
+        "rates instead, off [gate]",
+    )  # fmt: skip
     parser.add_argument("--min-cn0", type=float, default=0.0, metavar="DB", help="[dB-Hz]")
     parser.add_argument(
         "--level", type=float, default=2.0, metavar="DEG",
@@ -74,6 +79,7 @@ def run(arguments: argparse.Namespace) -> None:
         labels=arguments.rows,
         decimate=arguments.decimate,
         noise=arguments.noise,
+        phase=arguments.phase,
         min_cn0=arguments.min_cn0,
         level_deg=arguments.level or None,
         clock_walk=arguments.clock_walk,

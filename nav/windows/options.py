@@ -47,6 +47,10 @@ class WindowOptions:
     noise : {'assumed', 'fitted'}
         Of the Doppler: `velocity.range_rate.DopplerNoise` as it is, or fitted to the recording
         with its correlation (`nav.windows.noise`).
+    phase : {'gate', 'rates', 'off'}
+        Where the recording has carrier phases: 'gate' leaves out rows whose Doppler they do not
+        bear out (`velocity.phase_rates`), 'rates' also takes the rates of the phase in place of
+        Doppler where they are better.
     min_cn0 : float
         Weaker signals are left out [dB-Hz]; mostly reflections in a city.
     level_deg : float, optional
@@ -69,6 +73,7 @@ class WindowOptions:
     labels: str = "all"
     decimate: int = 1
     noise: str = "assumed"
+    phase: str = "gate"
     min_cn0: float = 0.0
     level_deg: float | None = None
     elevation_mask_deg: float = 10.0
@@ -81,6 +86,8 @@ class WindowOptions:
             raise ConfigError(f"--rows: expected 'all' or 'los', found '{self.labels}'")
         if self.noise not in ("assumed", "fitted"):
             raise ConfigError(f"--noise: expected 'assumed' or 'fitted', found '{self.noise}'")
+        if self.phase not in ("gate", "rates", "off"):
+            raise ConfigError(f"--phase: expected 'gate', 'rates' or 'off', found '{self.phase}'")
         if self.level_deg is not None and not 0.0 < self.level_deg <= 45.0:
             raise ConfigError(f"--level: expected 0 < level ≤ 45°, found {self.level_deg:g}")
         if not (self.window > 0.0 and self.step > 0.0 and self.decimate >= 1):

@@ -14,6 +14,7 @@ from ...datasets.sequence import Sequence
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray
 from ...filters.strapdown import InertialStream
+from ...velocity.phase_rates import phase_gate, with_phase_rates
 from ...velocity.range_rate import doppler_rows, with_elevation
 from .noise import WindowNoise
 from .options import OWN, WindowOptions
@@ -26,6 +27,15 @@ def prepared_observations(
     sequence: Sequence, options: WindowOptions
 ) -> tuple[GnssObservations, FloatArray]:
     """Return the screened and thinned observations with their approximate positions."""
+    observations, pos_e = screened_observations(sequence, options)
+    keep = observations.has_range_rate & _kept(observations, options)
+    return observations.take(keep), pos_e[keep]
+
+
+def screened_observations(
+    sequence: Sequence, options: WindowOptions
+) -> tuple[GnssObservations, FloatArray]:
+    """Return all observations, those not to be used marked, with their approximate positions."""
     if sequence.observations is None or not sequence.observations.has_range_rate.any():
         raise AlignmentError(f"{sequence.name}: no raw Doppler with satellite states to align with")
     observations = sequence.observations
@@ -34,10 +44,21 @@ def prepared_observations(
     low = observations.elevation < np.radians(options.elevation_mask_deg)
     observations = observations.mark(low, "below elevation mask")
     observations = observations.mark(observations.cn0 < options.min_cn0, "weak signal")
+    if options.phase != "off":
+        observations = phase_gate(observations)
+    if options.phase == "rates":
+        observations = with_phase_rates(observations)
     if options.labels == "los":
         observations = observations.mark(observations.label == "nlos", "labelled as reflected")
-    keep = observations.has_range_rate & _kept(observations, options)
-    return observations.take(keep), pos_e[keep]
+    return observations, pos_e
+
+
+def left_out(observations: GnssObservations, start: float, end: float) -> dict[str, int]:
+    """Return how many rows with a Doppler of their own a window lost, by reason."""
+    inside = (observations.time >= start) & (observations.time <= end)
+    lost = inside & ~observations.usable & np.isfinite(observations.range_rate)
+    reasons, counts = np.unique(observations.rejected[lost], return_counts=True)
+    return dict(zip(map(str, reasons), map(int, counts), strict=True))
 
 
 def _whereabouts(sequence: Sequence, time: FloatArray) -> FloatArray:
