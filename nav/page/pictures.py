@@ -36,7 +36,7 @@ _STYLE = {
 
 
 def save(draw: Callable[[T], Figure | None], shown: T, file: Path) -> bool:
-    """Write a figure as pdf, svg or png by its suffix; return whether there was something to show."""
+    """Write a figure as pdf, svg or png, by its suffix; return whether there was one."""
     with matplotlib.rc_context(_STYLE | {"pdf.fonttype": 42}):
         figure = draw(shown)
         if figure is None:
