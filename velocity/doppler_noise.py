@@ -82,13 +82,15 @@ def fit_doppler_noise(
     unknown_cn0 : float, optional
         Default: the 10 % quantile of `cn0`.
 
-    Where the C/N0 of the bins differ by less than 6 dB, nothing shows how noise depends on it, and
-    the thermal 20 dB per decade are taken.
-
     Raises
     ------
     DataError
         Fewer than 60 rows.
+
+    Notes
+    -----
+    Where the C/N0 of the bins differ by less than 6 dB, nothing shows how noise depends on it, and
+    the thermal 20 dB per decade are taken.
     """
     if spread not in ("mad", "rms"):
         raise ConfigError(f"spread: expected 'mad' or 'rms', found {spread!r}")
