@@ -31,8 +31,8 @@ _Reader = Callable[[Path, int | None], ForeignSolution]
 #: Name, how it is recognised, how it is read; the first that recognises a file reads it.
 FORMATS: tuple[tuple[str, Callable[[Path], bool], _Reader], ...] = (
     ("RTKLIB or GINav .pos", is_rtklib, lambda path, week: read_rtklib(path)),
+    ("GREAT-MSF .ins", is_great_ins, read_great_ins),  # its header names AmbStatus, too
     ("GREAT-PVT .flt", is_great_flt, read_great_flt),
-    ("GREAT-MSF .ins", is_great_ins, read_great_ins),
     ("CSV with time_gps_s and lat_deg …", is_columns, lambda path, week: read_columns(path)),
     ("KF-GINS .nav", is_kfgins_nav, read_kfgins_nav),
     ("TUM", is_tum, lambda path, week: read_tum(path)),

@@ -351,7 +351,8 @@ def _rotate(C: FloatArray, vectors: FloatArray) -> FloatArray:
 
 def _nees(error: FloatArray, cov: FloatArray) -> FloatArray:
     nees = np.full(len(error), np.nan)
-    regular = np.linalg.det(cov) > 0.0
+    regular = np.asarray(np.isfinite(cov).all(axis=(1, 2)))
+    regular[regular] = np.linalg.det(cov[regular]) > 0.0
     weighted = np.linalg.solve(cov[regular], error[regular][:, :, None])[:, :, 0]
     nees[regular] = np.sum(error[regular] * weighted, axis=1)
     return nees
