@@ -50,8 +50,9 @@ def compare(monkeypatch):
 def tune():
     score = Score(np.ones((2, 2)), np.ones((2, 2)), np.ones((2, 2)), 1)
     tuning = Tuning(
-        "velocity", np.array([30.0, 40.0]), np.array([0.1, 0.2]), score, {"drive": score},
-        Screening(30.0, min_k=0.1), pareto_front(score), (), "time blocks", 1.0, 1.0, 0.4, {}, {},
+        np.array([30.0, 40.0]), np.array([0.1, 0.2]), score, {"drive": score},
+        Screening(30.0, min_k=0.1), "the error decided", None, pareto_front(score), (),
+        "time blocks", 1.0, 1.0, 0.4, {}, {},
     )  # fmt: skip
     return lambda out: tune_report.write_tuning(tuning, out)
 
