@@ -118,6 +118,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         status=status,
         installation=installed,
         fix_errors=errors,
+        resolution=timeline.resolution,
     )
 
 
