@@ -141,6 +141,10 @@ class FilterConfig:
         _positive("filter.output_rate_hz", self.output_rate_hz, zero=True)
 
 
+#: Constellations by letter: GPS, GLONASS, Galileo, QZSS, BeiDou.
+SYSTEMS = "GREJC"
+
+
 @dataclass(frozen=True)
 class GnssConfig:
     """What GNSS contributes, and what is screened out first.
@@ -156,6 +160,15 @@ class GnssConfig:
         has.
     base_position_e_m : list of three numbers
         ECEF position of the base's antenna; default: what its file says.
+    systems : str
+        Constellations used, by letter: G GPS, R GLONASS, E Galileo, J QZSS, C BeiDou; '': all that
+        the recording has, and of positions relative to a base those that both have.
+    frequencies : int
+        Bands of positions relative to a base, 1 to 3; 0: those that rover and base have.
+    rtk_direction : {'forward', 'backward', 'combined'}
+        How positions relative to a base get their ambiguities: from the past; from the future; or
+        from both, where positions that are fixed both ways and contradict each other count as
+        float.
     velocity : {'auto', 'doppler', 'carried', 'none'}
         Least squares from Doppler, or velocities the set carries; 'auto' prefers Doppler.
     below_four : {'rows', 'ddia', 'off'}
@@ -212,6 +225,9 @@ class GnssConfig:
     position: str = "auto"
     base: str = ""
     base_position_e_m: tuple[float, ...] = ()
+    systems: str = ""
+    frequencies: int = 0
+    rtk_direction: str = "forward"
     velocity: str = "auto"
     below_four: str = "rows"
     forward_motion: str = "auto"
@@ -245,6 +261,13 @@ class GnssConfig:
                 "gnss.base_position_e_m: expected X, Y, Z in metres, found "
                 f"{list(self.base_position_e_m)}"
             )
+        if not set(self.systems) <= set(SYSTEMS):
+            raise ConfigError(
+                f"gnss.systems: expected letters of {', '.join(SYSTEMS)}, found {self.systems!r}"
+            )
+        if self.frequencies not in range(4):
+            raise ConfigError(f"gnss.frequencies: expected 0 to 3, found {self.frequencies}")
+        _choice("gnss.rtk_direction", self.rtk_direction, ("forward", "backward", "combined"))
         _choice("gnss.velocity", self.velocity, ("auto", "doppler", "carried", "none"))
         _choice("gnss.position_noise", self.position_noise, ("fitted", "declared"))
         _choice("gnss.below_four", self.below_four, ("rows", "ddia", "off"))

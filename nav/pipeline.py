@@ -141,6 +141,7 @@ class _Ran:
             status=status,
             installation=installed,
             fix_errors=self.errors,
+            resolution=self.timeline.resolution,
             signals=_signals(observations, sequence, trajectory, updates),
         )
 

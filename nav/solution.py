@@ -159,6 +159,41 @@ class FixErrors:
     spread: float
 
 
+@dataclass(frozen=True)
+class Resolution:
+    """Positions relative to a base station: how many are resolved, and how surely.
+
+    Parameters
+    ----------
+    fixed, floating, dgps, single : int
+        Positions with resolved ambiguities, with real-valued ones, of code alone, and those that
+        stayed single-point ones.
+    contradicted : int
+        Of the single-point ones, those that the relative position contradicts, whatever it is
+        called: see `nav.engine.relative`.
+    ratio_median, ratio_p5 : float
+        Of the second-best to the best integer ambiguities of the fixed ones, median and 5 %.
+    systems : str
+    frequencies : int
+        Constellation letters and bands used.
+    direction : {'forward', 'backward', 'combined'}
+    base_apart_m : float
+        From the base's position as taken to where its own pseudoranges have it [m]; NaN: unknown.
+    """
+
+    fixed: int
+    floating: int
+    dgps: int
+    single: int
+    contradicted: int
+    ratio_median: float
+    ratio_p5: float
+    systems: str
+    frequencies: int
+    direction: str
+    base_apart_m: float
+
+
 @dataclass(frozen=True, eq=False)
 class Epochs:
     """What GNSS offered, epoch by epoch.
@@ -183,7 +218,8 @@ class Solution:
     `status` is 'ok'; 'doubtful', where a note says so; 'restarted', where the solution was lost and
     found again; 'lost', where it was not, and ends before the data. `installation` is how the IMU
     sits in the vehicle as known in the end; None where that was not asked. `fix_errors` is None
-    where positions were taken as declared; `signals` is None where there were no observations.
+    where positions were taken as declared; `signals` is None where there were no observations,
+    `resolution` where no positions are relative to a base.
     """
 
     name: str
@@ -197,3 +233,4 @@ class Solution:
     installation: Installation | None = None
     fix_errors: FixErrors | None = None
     signals: Signals | None = None
+    resolution: Resolution | None = None

@@ -27,7 +27,7 @@ def is_receiver_file(path: Path) -> bool:
 
 
 def read_receiver_file(
-    path: str | Path, *, navigation: str | tuple[str, ...] = (), systems: str = "GREC"
+    path: str | Path, *, navigation: str | tuple[str, ...] = (), systems: str = "GREJC"
 ) -> Sequence:
     """Return the observations of one file.
 

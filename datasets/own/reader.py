@@ -212,7 +212,7 @@ def _rinex(declared: Declaration) -> tuple[GnssObservations | None, GivenFiles |
     observations = read_observations(
         given.observations,
         given.navigation,
-        systems=section.text("systems", "", default="GREC"),
+        systems=section.text("systems", "", default="GREJC"),
         signals=section.choice("signals", ("first", "all"), "", default="first"),
     )
     plain = (given.observations, *given.navigation)

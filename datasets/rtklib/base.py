@@ -61,15 +61,31 @@ def own_mean(
     return OwnMean(np.median(found.pos_e, axis=0), float(np.sqrt(variance)))
 
 
-def base_position(file: Path, declared: ArrayLike | None) -> tuple[FloatArray, str]:
-    """Return the base's antenna [m] and where that comes from."""
+def base_position(file: Path, declared: ArrayLike | None) -> tuple[FloatArray, str] | None:
+    """Return the base's antenna [m] and where that comes from; None where nothing says it.
+
+    Parameters
+    ----------
+    file : Path
+        RINEX observations.
+    declared : array_like, shape (3,), optional
+        Goes before what the file says [m].
+
+    Raises
+    ------
+    DataError
+        A position that is not on the Earth, or no number, with its line.
+    """
     if declared is not None:
         position, source = np.asarray(declared, dtype=float), "declared"
         if position.shape != (3,):
             raise ConfigError(f"base position: expected X, Y, Z in metres, found {declared!r}")
         remedy, line = "give ECEF X, Y, Z in metres", None
     else:
-        position, line = _header_position(file)
+        found = _header_position(file)
+        if found is None:
+            return None
+        position, line = found
         source, remedy = f"APPROX POSITION of {file.name}", "declare the base's position"
     if not 6.3e6 < np.linalg.norm(position) < 6.5e6:
         raise DataError(
@@ -79,7 +95,22 @@ def base_position(file: Path, declared: ArrayLike | None) -> tuple[FloatArray, s
     return position, source
 
 
-def _header_position(file: Path) -> tuple[FloatArray, int]:
+def refuse_no_position(file: Path, own: OwnMean | None) -> None:
+    """Refuse a base whose position nobody tells, with what its own ranges say."""
+    remedy = "declare the base's ECEF position in metres (gnss.base_position_e_m)"
+    if own is not None:
+        where = ", ".join(f"{v:.1f}" for v in own.pos_e)
+        remedy += (
+            f"; its own single-point positions have it at [{where}], to {own.sigma:.0f} m (1σ)"
+        )
+    raise DataError(
+        "no position of the base station: its header has no APPROX POSITION XYZ",
+        file=file,
+        remedy=remedy,
+    )
+
+
+def _header_position(file: Path) -> tuple[FloatArray, int] | None:
     """Return the antenna's position from a RINEX header, and the line it stands in."""
     marker, line, offset = None, 0, np.zeros(3)
     with file.open(encoding="latin-1") as stream:
@@ -101,11 +132,7 @@ def _header_position(file: Path) -> tuple[FloatArray, int]:
             else:
                 offset = value
     if marker is None or not marker.any():
-        raise DataError(
-            "no position of the base station: its header has no APPROX POSITION XYZ",
-            file=file,
-            remedy="declare the base's ECEF position in metres (gnss.base_position_e_m)",
-        )
+        return None
     if np.linalg.norm(marker) < 6e6:  # refused by the caller
         return marker, line
     up, east, north = offset

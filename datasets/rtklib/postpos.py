@@ -38,10 +38,13 @@ class Positions:
     fixes : GnssFixes
     ratio : ndarray, shape (n,)
         Of the second-best to the best integer ambiguities; 0 where none were looked for.
+    age : ndarray, shape (n,)
+        From the base's epoch to the rover's [s].
     """
 
     fixes: GnssFixes
     ratio: FloatArray
+    age: FloatArray
 
 
 def relative_options(
@@ -156,10 +159,12 @@ def post_processed(
     if not rows:
         none = np.empty((0, 3)), np.empty((0, 3, 3))
         count, quality = np.empty(0, dtype=np.int64), np.empty(0, dtype="U8")
-        return Positions(GnssFixes(np.empty(0), *none, *none, count, quality), np.empty(0))
+        nothing = np.empty(0)
+        return Positions(GnssFixes(nothing, *none, *none, count, quality), nothing, nothing)
     header = [line for line in lines if line.startswith("%")]
     out.write_text("\n".join([*header, *rows]) + "\n")  # backwards, the last comes first
-    return Positions(read_pos(out), np.array([float(row.split()[14]) for row in rows]))
+    age, ratio = np.array([[float(v) for v in row.split()[13:15]] for row in rows]).T
+    return Positions(read_pos(out), ratio, age)
 
 
 def _week_and_second(row: str) -> tuple[int, float]:

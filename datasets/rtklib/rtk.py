@@ -17,7 +17,7 @@ from ...filters.rotation import FloatArray
 from ..observations import GnssFixes, GnssObservations
 from ..text.rinex import check_observations
 from ..text.rinex_repair import readable_rinex
-from .base import OwnMean, base_position, own_mean
+from .base import OwnMean, base_position, own_mean, refuse_no_position
 from .common_signals import (
     Tracked,
     common_bands,
@@ -35,6 +35,9 @@ from .screened_rinex import write_screened
 #: Float: its error is that of smoothed code and stays for minutes, while RTKLIB's deviation
 #: shrinks as if epochs were independent. DGPS: code multipath.
 FLOORS_M = {"fixed": 0.015, "float": 0.5, "dgps": 1.5}
+#: How fast a position gets worse without a new epoch of the base, 1σ per axis [m/s]: satellite
+#: clocks wander by 3·10⁻¹² over half a minute, 1 mm/s of range, and geometry doubles it.
+_AGEING = 2e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +125,8 @@ def relative_positions(
     Returns
     -------
     RelativePositions
-        Covariances are RTKLIB's plus `FLOORS_M`² on every axis. Float positions are correlated
+        Covariances are RTKLIB's plus `FLOORS_M`² on every axis, and (2 mm/s of the base's age)².
+        Float positions are correlated
         over minutes, and a wrongly fixed one is decimetres to metres off whatever its
         covariance says: a gate downstream is needed.
 
@@ -150,7 +154,7 @@ def relative_positions(
     load_navigation(navigation)
     for file in (rover, *bases):
         check_observations(file)
-    position_e, source = base_position(bases[0], base_pos_e)
+    known = base_position(bases[0], base_pos_e)
     here, there = tracked([rover]), tracked(bases)
     refuse_no_overlap((rover, bases[0]), here, there, max_age)
     letters, bands = common_bands(here, there, systems or "GREJC")
@@ -160,30 +164,35 @@ def relative_positions(
     options = relative_options(
         elevation_mask, letters, bands, min_ratio, max_age, ambiguities, direction
     )
+    plain = readable_rinex(rover).path
+    given, navigation = ([readable_rinex(f).path for f in files] for files in (bases, navigation))
+    own = own_mean(given, navigation, (float(there.time[0]), float(there.time[-1])))
+    if known is None:
+        refuse_no_position(bases[0], own)
+    assert known is not None
+    position_e, source = known
     for k in range(3):
         options.rb[k] = float(position_e[k])
-    plain = readable_rinex(rover).path
-    bases, navigation = ([readable_rinex(f).path for f in files] for files in (bases, navigation))
     with tempfile.TemporaryDirectory(prefix="certnav-rtk-") as scratch:
         if screened is not None:
             left = Path(scratch) / "screened.rnx"
             write_screened(plain, left, screened)
             plain = left
-        found = post_processed(Path(scratch), [[plain], bases], navigation, options)
+        found = post_processed(Path(scratch), [[plain], given], navigation, options)
     keep = np.isin(found.fixes.quality, list(FLOORS_M))
-    fixes = _with_floors(found.fixes.take(keep))
+    fixes = _with_floors(found.fixes.take(keep), found.age[keep])
     failed = _unsolved(here, there, fixes, max_age)
-    own = own_mean(bases, navigation, (float(there.time[0]), float(there.time[-1])))
     return RelativePositions(
         fixes, failed, position_e, source, found.ratio[keep], letters, bands, own
     )
 
 
-def _with_floors(fixes: GnssFixes) -> GnssFixes:
+def _with_floors(fixes: GnssFixes, age: FloatArray) -> GnssFixes:
     if not len(fixes):
         return fixes
     floor = np.array([FLOORS_M[str(q)] for q in fixes.quality])
-    cov_e = fixes.pos_cov_e + floor[:, None, None] ** 2 * np.eye(3)
+    variance = floor**2 + (_AGEING * age) ** 2
+    cov_e = fixes.pos_cov_e + variance[:, None, None] * np.eye(3)
     return dataclasses.replace(fixes, pos_cov_e=cov_e)
 
 

@@ -26,7 +26,7 @@ from ...velocity.least_squares import REJECTED
 from ..config import GnssConfig
 from ..notes import Note, plain
 from ..rejections import rejections
-from ..solution import Epochs
+from ..solution import Epochs, Resolution
 from .events import GnssEvent, doppler_noise, inflated, missing
 from .relative import with_relative_positions
 
@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 class GnssTimeline:
     """All events in time order, the epochs they came from, and the screened observations.
 
-    `misfit` is that of the single-point positions, None where positions are others.
+    `misfit` is that of the single-point positions, None where positions are others; `resolution`
+    is None where none are relative to a base.
     """
 
     events: tuple[GnssEvent, ...]
@@ -46,6 +47,7 @@ class GnssTimeline:
     observations: GnssObservations | None
     notes: tuple[Note, ...] = ()
     misfit: float | None = None
+    resolution: Resolution | None = None
 
 
 #: As far as a vehicle gets between a position and an instant without one [m/s].
@@ -84,10 +86,9 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         epochs = Epochs(sequence.fixes.time, sequence.fixes.satellites, sequence.fixes.satellites)
         return GnssTimeline(_in_order(events), epochs, None, notes)
 
-    observations = sequence.observations.mark(
-        sequence.observations.cn0 < config.min_cn0_dbhz, "weak signal"
-    )
-    events, where, misfit = [], None, None
+    observations = _of_systems(sequence.observations, config.systems)
+    observations = observations.mark(observations.cn0 < config.min_cn0_dbhz, "weak signal")
+    events, where, misfit, resolution = [], None, None, None
     faulty, wrong = (np.zeros(len(observations), dtype=bool) for _ in range(2))
     if position in ("spp", "rtk"):
         events, where, faulty, wrong, doubts, misfit = _single_point(observations, sequence, config)
@@ -95,8 +96,8 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         if position == "rtk":
             lost = ~np.isin(observations.time, where.time)  # code that no fix vouches for
             kept = observations.mark(faulty | lost, "not in the single-point fix")
-            events, found = with_relative_positions(events, kept, sequence, config)
-            notes += plain([found])
+            events, resolution, found = with_relative_positions(events, kept, sequence, config)
+            notes += found
     elif sequence.fixes is not None:
         fixes = sequence.fixes
         at = fixes.take(fixes.usable)
@@ -122,7 +123,18 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         events += _carried(sequence.fixes, "velocity", config)
     # Marked last: one faulty pseudorange says nothing about the Doppler, which has its own test.
     observations = observations.mark(faulty, "pseudorange residual")
-    return GnssTimeline(_in_order(events), epochs, observations, notes, misfit)
+    return GnssTimeline(_in_order(events), epochs, observations, notes, misfit, resolution)
+
+
+def _of_systems(observations: GnssObservations, systems: str) -> GnssObservations:
+    """Return the observations with other constellations than those asked for marked."""
+    if not systems:
+        return observations
+    other = ~np.isin(observations.sat.astype("U1"), list(systems))
+    if other.all():
+        held = ", ".join(np.unique(observations.sat.astype("U1")))
+        raise ConfigError(f"gnss.systems: found {systems!r}, and the recording has {held} only")
+    return observations.mark(other, "constellation not asked for")
 
 
 def _in_order(events: list[GnssEvent]) -> tuple[GnssEvent, ...]:

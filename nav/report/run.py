@@ -226,6 +226,34 @@ def _start_section(result: Result, board: Board) -> str:
     return _section("Start", board, rows, "Each mark is an attempt to align in motion.")
 
 
+def _resolution(result: Result) -> str:
+    """Return how many positions are relative to a base, and how surely resolved."""
+    found = result.solution.resolution
+    if found is None:
+        return ""
+    total = max(found.fixed + found.floating + found.dgps + found.single, 1)
+    rows = [
+        (name, str(n), f"{100.0 * n / total:.1f} %")
+        for name, n in (
+            ("fixed", found.fixed), ("float", found.floating), ("code alone", found.dgps),
+            ("single-point", found.single),
+            ("– of them contradicted by the relative one", found.contradicted),
+        )
+    ]  # fmt: skip
+    ratio = (
+        f"Ratio of the second-best to the best ambiguities, of the fixed ones: median "
+        f"{quantity(found.ratio_median, '')}, 5 % {quantity(found.ratio_p5, '')}. "
+        if found.fixed
+        else ""
+    )
+    return (
+        "<h3>Positions relative to the base station</h3>"
+        f"{document.table(['position', 'epochs', 'share'], rows)}<p>{ratio}{found.direction}, "
+        f"{found.frequencies} frequencies, constellations {escape(found.systems)}; the base's own "
+        f"single-point mean is {length(found.base_apart_m)} from where it is taken to be.</p>\n"
+    )
+
+
 def _alignment_details(result: Result) -> str:
     """Return what was proved of a certified start, and what was missing until then."""
     alignment, parts = result.solution.alignment, []
@@ -266,6 +294,7 @@ def _run_section(result: Result) -> str:
         f"{escape(alignment['method'])}, {quantity(alignment['time_s'], 's')} after the start of "
         f"the data; heading 1σ {sigma}.{escape(message)}</p>\n"
         f"{_alignment_details(result)}"
+        f"{_resolution(result)}"
         f"<h3>Antenna</h3><p>Lever arm ({lever}) m forward, right, down of the IMU, from "
         f"{escape(sensors['lever_antenna_source'])}.</p>\n"
         + (f"<h3>Notes</h3><ul>{notes}</ul>\n" if notes else "")

@@ -38,7 +38,7 @@ from ..config import Config
 from ..config_files import to_toml
 from ..evaluation.accuracy import Evaluation, without_reference
 from ..notes import Note
-from ..solution import AlignmentReport, FixErrors, Solution
+from ..solution import AlignmentReport, FixErrors, Resolution, Solution
 from .formats import check_formats, write_formats
 from .summary import strict, summarise
 from .tables import (
@@ -210,6 +210,13 @@ def _seal(path: Path) -> bytes | None:
         return None
 
 
+def _resolution(found: dict[str, Any] | None) -> Resolution | None:
+    if found is None:
+        return None
+    numbers = {k: _number(found[k]) for k in ("ratio_median", "ratio_p5", "base_apart_m")}
+    return Resolution(**found | numbers)
+
+
 def _read(path: Path) -> Result:
     if not is_result(path):
         raise DataError(
@@ -240,6 +247,7 @@ def _read(path: Path) -> Result:
             status=summary["status"],
             fix_errors=None if noise is None else FixErrors(**noise),
             signals=read_signals(path / "signals.csv"),
+            resolution=_resolution(summary["rtk"]),
             timing={k: v for k, v in summary["timing"].items() if v is not None},
         )
         evaluation = _read_evaluation(path / "reference_errors.csv", summary)

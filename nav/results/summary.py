@@ -63,6 +63,7 @@ def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) ->
         "position_noise": None
         if solution.fix_errors is None
         else dataclasses.asdict(solution.fix_errors),
+        "rtk": None if solution.resolution is None else dataclasses.asdict(solution.resolution),
         "updates": count_updates(solution.updates),
         "timing": {"total_s": None, "read_s": None, "filter_s": None} | solution.timing,
         "sensors": {
