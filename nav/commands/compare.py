@@ -62,6 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--reports", action="store_true",
         help="draw the report of every run, too: most of the time (certnav report DIR draws one)",
     )  # fmt: skip
+    parser.add_argument(
+        "--unchecked", action="store_true", help="compare even if the data contradict physics"
+    )
     parser.add_argument("--jobs", type=int, default=-1, help="processes, −1: all processors")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to spread over")
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
@@ -70,7 +73,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Compare, write page and result directories, and say what came out."""
     from ...datasets.cache import kept_in
-    from ...datasets.loading import load
     from ...datasets.placing import written_whole
     from ..compare.comparison import compare
     from ..compare.methods import parse_methods
@@ -78,6 +80,7 @@ def run(arguments: argparse.Namespace) -> None:
     from ..compare.report import check_replaceable, write_page
     from ..config_files import load_config
     from ..spells.outages import parse_outages
+    from .navigation import checked_load
     from .terminal.progress import progress
 
     _check(arguments)
@@ -92,7 +95,10 @@ def run(arguments: argparse.Namespace) -> None:
                 others = read_others(arguments.result, arguments.week)
                 comparison = side_by_side(others, judge, arguments.settle)
             else:
-                drives = [load(path, **config.data) for path in arguments.path]
+                drives = [
+                    checked_load(path, config, checked=not arguments.unchecked)
+                    for path in arguments.path
+                ]
                 others = read_others(arguments.result, arguments.week or _week(drives[0]))
                 comparison = compare(
                     drives, methods, outages, config, others=others, settle=arguments.settle,

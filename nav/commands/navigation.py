@@ -114,6 +114,21 @@ def _drawing(page: bool, figures: str | None) -> Callable[[Path], None] | None:
     return draw
 
 
+def checked_load(path: Path, config: Config, checked: bool) -> Sequence:
+    """Return a recording; what a reader refuses by physics is a note of it if it is not checked.
+
+    Raises
+    ------
+    DataError
+        What the reader refuses.
+    """
+    with collected_refusals() as refused:
+        sequence = load(path, **config.data)
+    said = waived(refused, config, checked)
+    notes = (*sequence.notes, *(str(note) for note in said))
+    return dataclasses.replace(sequence, notes=notes)
+
+
 def cache_folder(out: Path | None) -> Path:
     """Return where readers keep what is slow to read: beside the result."""
     return (Path("results/result") if out is None else out).parent / ".certnav-cache"

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from certnav.datasets import loading, placing
+from certnav.datasets import placing
 from certnav.datasets.great import writer
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.nav.commands import compare as compare_command
+from certnav.nav.commands import navigation
 from certnav.nav.compare import comparison
 from certnav.nav.compare import report as compare_report
 from certnav.nav.compare.runs import Comparison, Run
@@ -40,7 +42,8 @@ def compare(monkeypatch):
         return Comparison((Run("lc4", "drive", "@0", reason="not tried"),), {}, "60/180")
 
     monkeypatch.setattr(comparison, "compare", compared)
-    monkeypatch.setattr(loading, "load", lambda *_, **__: None)
+    undated = SimpleNamespace(time_scale="relative")
+    monkeypatch.setattr(navigation, "checked_load", lambda *_, **__: undated)
     parser = argparse.ArgumentParser()
     compare_command.add_arguments(parser)
     return lambda out: compare_command.run(parser.parse_args(["drive", "--out", str(out)]))
