@@ -155,7 +155,7 @@ def with_options(
         If no reader knows one of them.
     """
     known = [
-        () if isinstance(s, Sequence) or not data else formats()[recognise(s)].options
+        () if isinstance(s, Sequence) or not data else (*formats()[recognise(s)].options, "precise")
         for s in sources
     ]
     for key in data:
