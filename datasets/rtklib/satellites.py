@@ -140,11 +140,14 @@ def broadcast_states(
     whole: FloatArray,
     fraction: FloatArray,
     by_satellite_clock: bool = False,
+    precise: bool = False,
 ) -> SatelliteStates:
     """Return states at gtime `whole + fraction` (split, so that no digit is lost).
 
-    `by_satellite_clock`: the times are the satellites' own, the states are of t − δt^s.
+    `by_satellite_clock`: the times are the satellites' own, the states are of t − δt^s. `precise`:
+    of the precise ephemerides in `nav`, which say nothing of health.
     """
+    source = rtk.EPHOPT_PREC if precise else rtk.EPHOPT_BRDC
     n = number.size
     samples = np.full((n, 3, 4), np.nan)
     healthy = np.zeros(n, dtype=bool)
@@ -159,7 +162,7 @@ def broadcast_states(
         select.time, select.sec = second, rest
         for j, offset in enumerate((0.0, -_HALF_STEP, _HALF_STEP)):
             at.time, at.sec = second, rest + offset
-            if not satpos(at, select, satellite, 0, nav, state, clock, variance, health):
+            if not satpos(at, select, satellite, source, nav, state, clock, variance, health):
                 break
             samples[k, j] = state[0], state[1], state[2], clock[0]
             if j == 0 and by_satellite_clock:

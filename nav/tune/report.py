@@ -74,6 +74,12 @@ def thresholds_toml(tuning: Tuning) -> str:
         f"{tuning.cv_retention:.0%} retained; {tuning.decided}.",
         f"# C/N0 is the {t.cn0_of} of the pair; k is {_K_NAMES[t.k_of]}.",
     ]
+    for name, fit in tuning.noise.items():
+        lines.append(
+            f"# Doppler noise on {name}: doppler_sigma_mps = {fit.noise.sigma_45:.3g}, "
+            f"doppler_floor_mps = {fit.noise.floor:.3g}, tenfold in {fit.noise.decade_db:.3g} dB "
+            "(a run has 20)"
+        )
     if applied(tuning):
         lines += [
             '# In force with below_four = "ddia"; the method stays what it is.',

@@ -133,6 +133,7 @@ def test_result_is_complete_and_reads_back(tuned, tmp_path):
     out = write_tuning(tuned, tmp_path / "tuning")
     # Thresholds of the mean C/N0 are not what the filter applies: the run stays as it is.
     assert load_config(out / "thresholds.toml") == Config()
+    assert (out / "thresholds.toml").read_text().count("# Doppler noise on drive-") == 3
     assert (out / "folds.tex").read_text().count("drive-") == 3
     stored = json.loads((out / "tuning.json").read_text())
     assert stored == json.loads(json.dumps(as_dict(tuned), allow_nan=False))
