@@ -200,6 +200,11 @@ class GnssConfig:
     doppler_sigma_mps, doppler_floor_mps : float
         Range-rate noise: its thermal part at 45 dB-Hz, and what stays however strong the signal
         (`velocity.range_rate.DopplerNoise`).
+    near_deg : list of two or three numbers
+        Latitude and longitude, and height [m] if it is known, of where a recording without any
+        position begins; Doppler and odometer find it more closely (`alignment.anywhere`).
+    near_radius_km : float
+        How far from there it may be.
     clock_walk_mps : float
         Random walk of the receiver's clock drift, a state of the filter [m/s/√s]; 0: it is
         eliminated from every epoch instead. A receiver's quartz stays well below the default.
@@ -242,6 +247,8 @@ class GnssConfig:
     code_weak_sigma_m: float = 2.5
     doppler_sigma_mps: float = 0.06
     doppler_floor_mps: float = 0.04
+    near_deg: tuple[float, ...] = ()
+    near_radius_km: float = 100.0
     clock_walk_mps: float = 0.1
     doppler_hold_off_s: float = 1.5
     position_noise: str = "fitted"
@@ -268,6 +275,17 @@ class GnssConfig:
         if self.frequencies not in range(4):
             raise ConfigError(f"gnss.frequencies: expected 0 to 3, found {self.frequencies}")
         _choice("gnss.rtk_direction", self.rtk_direction, ("forward", "backward", "combined"))
+        most = (90.0, 360.0, 9000.0)[: len(self.near_deg)]
+        beyond = any(not abs(v) <= m for v, m in zip(self.near_deg, most, strict=False))
+        if len(self.near_deg) not in (0, 2, 3) or beyond:
+            raise ConfigError(
+                "gnss.near_deg: expected latitude and longitude in degrees, and a height in metres "
+                f"if it is known, found {list(self.near_deg)}"
+            )
+        if not 0.0 < self.near_radius_km <= 5000.0:
+            raise ConfigError(
+                f"gnss.near_radius_km: expected up to 5000 km, found {self.near_radius_km:g}"
+            )
         _choice("gnss.velocity", self.velocity, ("auto", "doppler", "carried", "none"))
         _choice("gnss.position_noise", self.position_noise, ("fitted", "declared"))
         _choice("gnss.below_four", self.below_four, ("rows", "ddia", "off"))

@@ -26,8 +26,9 @@ from ...velocity.range_rate import DopplerNoise
 _ROUNDS = 2
 #: Residuals further out than this many σ are outliers, not noise with a correlation.
 _CUTOFF = 3.5
-#: Clock walk of an oscillator nothing is known of, and the least that is believed [m/s/√s].
-_UNKNOWN_WALK, _STEADIEST = 0.1, 0.02
+#: Clock walk of an oscillator nothing is known of, the least that is believed, and the most: what
+#: wanders by more is no clock, and leaves nothing between satellites to align with [m/s/√s].
+_UNKNOWN_WALK, _STEADIEST, _WILDEST = 0.1, 0.02, 1.0
 
 
 @dataclass(frozen=True)
@@ -153,4 +154,4 @@ def _walk(drifts: list[tuple[FloatArray, FloatArray]]) -> float:
     if len(seconds) < 3:
         return _UNKNOWN_WALK
     slope = float(np.polyfit(seconds, variance, 1)[0])
-    return float(np.clip(np.sqrt(max(slope, 0.0)), _STEADIEST, _UNKNOWN_WALK))
+    return float(np.clip(np.sqrt(max(slope, 0.0)), _STEADIEST, _WILDEST))
