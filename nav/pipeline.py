@@ -23,6 +23,7 @@ from .engine.gnss import gnss_timeline
 from .engine.legs import Course, Leg, legs, told
 from .engine.model import error_model
 from .engine.vehicle import VehicleConstraints
+from .engine.velocity_noise.fitted import with_fitted_velocities
 from .engine.watch.doubts import doubts, outages
 from .notes import Note, clock, plain
 from .solution import Solution, Trajectory
@@ -76,6 +77,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         timeline.events, stream, sequence.calibration, vehicle, model, tuple(spells), config
     )
     began = time.perf_counter()
+    course, velocity_notes = with_fitted_velocities(course, report)
     course, errors, fit_notes = with_fitted_noise(course, timeline.misfit, report)
     made: list[Leg] = []
     why = ""
@@ -94,6 +96,7 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         *plain(sequence.notes),
         *plain([str(installed), *installed.antenna.lines()]),
         *timeline.notes,
+        *velocity_notes,
         *fit_notes,
         *_imu_gaps(sequence),
         *blind_notes(spells, blind),
