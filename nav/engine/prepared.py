@@ -1,4 +1,4 @@
-"""One recording as every run over it has it: GNSS, the start, and how good its positions and velocities are.
+"""One recording as every run over it has it: GNSS, the start, the noise of what GNSS offers.
 
 What a run does with them depends on its method; they do not. Whoever runs several methods over one
 recording has them computed once, and what then differs is the method alone.
