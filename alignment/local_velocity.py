@@ -50,6 +50,15 @@ class LocalTrack:
             [np.interp(at, self.time, v, left=np.nan, right=np.nan) for v in self.vel_w.T]
         )
 
+    def moved_at(self, time: ArrayLike) -> FloatArray:
+        """Return how far the antenna has come since the beginning [m], shape (m, 3); or NaN."""
+        at, step = np.asarray(time, dtype=float), np.diff(self.time)[:, None]
+        parts = 0.5 * (self.vel_w[1:] + self.vel_w[:-1]) * step
+        moved = np.vstack([np.zeros(3), np.cumsum(parts, axis=0)])
+        return np.column_stack(
+            [np.interp(at, self.time, s, left=np.nan, right=np.nan) for s in moved.T]
+        )
+
 
 def planar_track(
     time: ArrayLike,

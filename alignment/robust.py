@@ -23,6 +23,8 @@ from .result import AlignmentResult, Ask, Verdict
 from .row_selection import Mask, RowStack, clock_wander, select_rows
 from .verdict import VerdictLimits, align
 
+#: Parts of the range of an error that rows share, at most.
+_PARTS = 8
 #: Radius that excludes nothing [rad].
 _ANYWHERE = 1e-3
 
@@ -213,11 +215,15 @@ def _proofs(
         return ConsensusProof(False, 0.0, options.radius, 0, None), None
 
     def prove(which: Mask, required: float, radius: float) -> ConsensusProof:
-        return prove_consensus(
-            rows.take(which), C_ew, required, cutoff=options.support, radius=radius,
-            per_epoch=per_epoch, slack=clock_wander(rows, clock), max_cells=options.max_cells,
-            weight=weight[which], priors=priors,
-        )  # fmt: skip
+        for part, reach in _parts(rows, options.support):
+            proof = prove_consensus(
+                part.take(which), C_ew, required, cutoff=options.support, radius=radius,
+                per_epoch=per_epoch, slack=clock_wander(rows, clock) + reach[which],
+                max_cells=options.max_cells, weight=weight[which], priors=priors,
+            )  # fmt: skip
+            if not proof.proved:
+                break
+        return proof
 
     total, rejected = float(weight.sum()), float(weight[~inliers].sum())
     count = consensus(rows, C_ew, options.support, per_epoch=per_epoch, weight=weight)
@@ -230,6 +236,25 @@ def _proofs(
         # Nearly as many with another clock, whatever the rotation: which side is right?
         opposition = prove(~inliers, party, _ANYWHERE)
     return proof, opposition
+
+
+def _parts(rows: AlignmentRows, support: float) -> list[tuple[AlignmentRows, FloatArray]]:
+    """Return the rows for parts of the range of what they share, and how far that moves each.
+
+    ±3σ, whatever the rotation. The largest of these errors is taken in parts of the size of what a
+    row may be off by: together they are what it may be, and none is as wide.
+    """
+    shared = rows.shared
+    if not shared.shape[1]:
+        return [(rows, np.zeros(len(rows)))]
+    apart = 3.0 * np.abs(shared - shared.mean(axis=0))
+    largest = int(np.argmax(apart.max(axis=0)))
+    widest = float(apart[:, largest].max()) / (0.25 * support * float(np.median(rows.sigma)))
+    count = int(np.clip(np.ceil(widest), 1, _PARTS))
+    reach = np.sqrt(np.sum(np.delete(apart, largest, axis=1) ** 2, axis=1))
+    reach += apart[:, largest] / count
+    middles = 3.0 * (2.0 * np.arange(count) + 1.0 - count) / count
+    return [(replace(rows, z=rows.z - u * shared[:, largest]), reach) for u in middles]
 
 
 def _consensus_verdict(

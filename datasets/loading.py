@@ -12,6 +12,7 @@ from typing import Any
 
 from ..filters.errors import ConfigError, DataError
 from .fix_faults import screened
+from .imu_faults import polled
 from .sequence import Sequence
 
 
@@ -86,7 +87,7 @@ FORMATS: dict[str, Format] = {
     "tumsat": Format("formats.tumsat", "tumsat", "GNSSTCData*.mat with IMUData*.mat"),
     "spirent": Format("formats.instinct", "spirent", "Rover-*_MO_*.obs with *_PVA_*.csv"),
     "receiver": Format(
-        "formats.receiver_file", "receiver_file", "a receiver's log or RINEX, itself named"
+        "receivers.receiver_file", "receiver_file", "a receiver's log or RINEX, itself named"
     ),
 }
 
@@ -192,5 +193,23 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
     sequence = reader.read(path, **options)
     if sequence.fixes is not None:
         sequence = dataclasses.replace(sequence, fixes=screened(sequence.fixes))
+    sequence = _with_polled_noise(sequence)
     how = "as told" if format is not None else f"recognised by {reader.looks_like}"
     return dataclasses.replace(sequence, notes=(f"read as {name}, {how}", *sequence.notes))
+
+
+def _with_polled_noise(sequence: Sequence) -> Sequence:
+    """Return the recording with the noise in its IMU of samples polled twice, or missed."""
+    found = None if sequence.imu is None else polled(sequence.imu)
+    if found is None:
+        return sequence
+    spec = sequence.calibration.imu
+    more = spec.with_noise(found.gyro_density, found.accel_density, "samples polled twice")
+    said = (
+        f"IMU: {100.0 * found.share:.1f} % of the rows repeat the one before: polled out of step, "
+        f"others are missed; white noise {spec.gyro_arw_deg_sqrth:.3g} → "
+        f"{more.gyro_arw_deg_sqrth:.3g} deg/√h, {spec.accel_vrw_mps_sqrth:.3g} → "
+        f"{more.accel_vrw_mps_sqrth:.3g} m/s/√h"
+    )
+    calibration = dataclasses.replace(sequence.calibration, imu=more)
+    return dataclasses.replace(sequence, calibration=calibration, notes=(*sequence.notes, said))

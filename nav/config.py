@@ -53,6 +53,9 @@ class AlignmentConfig:
         Certified: longest window.
     max_sigma_heading_deg : float
         Certified: 1σ that the heading must have, beyond the verdicts.
+    position_age_s : float
+        Certified: how long before the window's end the latest position may be; ``inf`` takes any.
+        From there on it is carried by the window's own velocity.
     """
 
     method: str = "auto"
@@ -65,12 +68,13 @@ class AlignmentConfig:
     sigma_clock_walk_mps: float = 0.1
     max_window_s: float = 60.0
     max_sigma_heading_deg: float = 1.5
+    position_age_s: float = 2.5
 
     def __post_init__(self) -> None:
         _choice("alignment.method", self.method, ("auto", "certified", "level+course", "given"))
         for name in (
             "min_speed_mps", "sigma_level_deg", "sigma_heading_deg", "sigma_clock_walk_mps",
-            "max_sigma_heading_deg",
+            "max_sigma_heading_deg", "position_age_s",
         ):  # fmt: skip
             _positive(f"alignment.{name}", getattr(self, name))
         if not SHORTEST_WINDOW <= self.max_window_s < float("inf"):

@@ -10,6 +10,7 @@ import numpy as np
 from ..filters.rotation import FloatArray
 from .installation import Installation
 from .notes import Note
+from .signals import Signals
 
 #: Kinds of update the pipeline offers to the filter.
 UPDATE_KINDS = ("position", "velocity", "doppler", "nhc", "zupt", "zaru", "odometer")
@@ -217,7 +218,8 @@ class Solution:
     `status` is 'ok'; 'doubtful', where a note says so; 'restarted', where the solution was lost and
     found again; 'lost', where it was not, and ends before the data. `installation` is how the IMU
     sits in the vehicle as known in the end; None where that was not asked. `fix_errors` is None
-    where positions were taken as declared; `resolution` where none are relative to a base.
+    where positions were taken as declared; `signals` is None where there were no observations,
+    `resolution` where no position is relative to a base.
     """
 
     name: str
@@ -231,3 +233,4 @@ class Solution:
     installation: Installation | None = None
     fix_errors: FixErrors | None = None
     resolution: Resolution | None = None
+    signals: Signals | None = None

@@ -10,8 +10,8 @@
     ddia               the velocity from one, two or more satellites with that help
     screening          which pairs of satellites to trust
     aided_screening    which satellites to trust when the velocity is roughly known
-    doppler_noise      a receiver's noise over C/N0, fitted to what it did
-    tracks             velocities of one recording from every source it has
+    doppler_noise      a receiver's noise over C/N0 and elevation, fitted to what it did
+    phase_rates        range rates from the carrier's phase, and Doppler held against them
     mounting           the IMU's mounting in the vehicle, from straight driving
     tracks             velocities of a recording from every source it has
 
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from .doppler_noise import NoiseFit, fit_doppler_noise, own_residuals, reference_residuals
     from .least_squares import DopplerVelocity, doppler_velocities, doppler_velocity
     from .mounting import Mounting, calibrate_mounting, sequence_mounting
+    from .phase_rates import phase_gate, phase_intervals, with_phase_rates
     from .range_rate import (
         DopplerNoise,
         DopplerRows,
@@ -74,6 +75,7 @@ _PUBLIC = {
     "screening": ("Screening", "screen"),
     "doppler_noise": ("NoiseFit", "fit_doppler_noise", "own_residuals", "reference_residuals"),
     "mounting": ("Mounting", "calibrate_mounting", "sequence_mounting"),
+    "phase_rates": ("phase_gate", "phase_intervals", "with_phase_rates"),
 }
 
 __all__ = [
@@ -99,11 +101,14 @@ __all__ = [
     "line_of_sight",
     "ndia_velocity",
     "own_residuals",
+    "phase_gate",
+    "phase_intervals",
     "predicted_range_rate",
     "reference_residuals",
     "screen",
     "sequence_mounting",
     "with_elevation",
+    "with_phase_rates",
 ]
 
 __getattr__, __dir__ = names(__name__, _PUBLIC)

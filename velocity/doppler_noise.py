@@ -20,7 +20,7 @@ from ..datasets.observations import GnssObservations
 from ..filters.errors import ConfigError, DataError
 from ..filters.rotation import FloatArray
 from .least_squares import doppler_velocities
-from .range_rate import DopplerNoise, doppler_rows
+from .range_rate import DopplerNoise, doppler_rows, low_share
 from .study.samples import Samples
 
 #: MAD of a normal distribution times this is its σ.
@@ -125,6 +125,41 @@ def fit_doppler_noise(
         DopplerNoise(float(sigma_45), float(floor), weakest, float(decade)),
         middle, seen, count, float(np.sqrt(np.mean(misfit(fit.x) ** 2))),
     )  # fmt: skip
+
+
+def fit_low_elevation(elevation: ArrayLike, normal: ArrayLike, *, bins: int = 8) -> float:
+    """Return `DopplerNoise.low`: how much wider residuals spread towards the horizon.
+
+    Parameters
+    ----------
+    elevation : array_like, shape (n,)
+        [rad]; rows without are left out.
+    normal : array_like, shape (n,)
+        Residuals divided by the σ of their C/N0.
+    bins : int
+        Of equal count, at most; every bin has 30 rows or more.
+
+    Where the elevations of the bins tell nothing (less than 10° apart), 0.
+    """
+    up, left = np.asarray(elevation, dtype=float), np.asarray(normal, dtype=float)
+    known = np.isfinite(up) & np.isfinite(left)
+    up, left = up[known], left[known]
+    if up.size < 60:
+        return 0.0
+    groups = np.array_split(np.argsort(up, kind="stable"), min(bins, up.size // 30))
+    middle = np.array([np.median(up[g]) for g in groups])
+    if np.ptp(middle) < np.radians(10.0):
+        return 0.0
+    spread = np.array([_MAD * np.median(np.abs(left[g])) for g in groups])
+    share, seen = low_share(middle), np.log(np.maximum(spread, 1e-4))
+
+    def misfit(p: FloatArray) -> FloatArray:
+        return seen - p[0] - np.log1p(p[1] * share)
+
+    start = [float(seen.min()), 0.5]
+    fit = least_squares(misfit, start, bounds=([-20.0, 0.0], [20.0, 20.0]), loss="soft_l1",
+                        f_scale=0.1)  # fmt: skip
+    return float(fit.x[1])
 
 
 def correlated_epochs(

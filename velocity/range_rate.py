@@ -52,6 +52,17 @@ class LineOfSight(NamedTuple):
         return f"LineOfSight({np.size(self.range)} satellites)"
 
 
+#: Elevation over which what low signals have too much of falls to 1/e [rad].
+_LOW = np.radians(10.0)
+
+
+def low_share(elevation: ArrayLike) -> FloatArray:
+    """Return e^(−elevation/10°): 1 at the horizon, 0 where the elevation [rad] is not known."""
+    elevation = np.asarray(elevation, dtype=float)
+    up = np.where(np.isnan(elevation), np.inf, np.maximum(elevation, 0.0))
+    return np.asarray(np.exp(-up / _LOW), dtype=float)
+
+
 @dataclass(frozen=True)
 class DopplerNoise:
     """Range-rate noise as a function of C/N0.
@@ -73,12 +84,15 @@ class DopplerNoise:
     decade_db : float
         C/N0 over which the first part changes tenfold [dB]: 20 for thermal noise, less where
         weak signals are reflections. `velocity.doppler_noise` fits it.
+    low : float
+        How much larger σ is at the horizon than C/N0 alone says: times 1 + low·e^(−elevation/10°).
     """
 
     sigma_45: float = 0.06
     floor: float = 0.04
     unknown_cn0: float = 35.0
     decade_db: float = 20.0
+    low: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.sigma_45 >= 0.0 and self.floor > 0.0):
@@ -88,12 +102,20 @@ class DopplerNoise:
             )
         if not self.decade_db > 0.0:
             raise ConfigError(f"Doppler noise: expected decade_db > 0, found {self.decade_db!r}")
+        if not 0.0 <= self.low < np.inf:
+            raise ConfigError(f"Doppler noise: expected low ≥ 0, found {self.low!r}")
 
-    def sigma(self, cn0: ArrayLike) -> FloatArray:
-        """Return 1σ [m/s] of range rates with `cn0` [dB-Hz]."""
+    def sigma(self, cn0: ArrayLike, elevation: ArrayLike | None = None) -> FloatArray:
+        """Return 1σ [m/s] of range rates with `cn0` [dB-Hz].
+
+        `elevation` [rad] counts where it is known and `low` is not zero.
+        """
         cn0 = np.asarray(cn0, dtype=float)
         known = np.where(np.isnan(cn0), self.unknown_cn0, cn0)
-        return np.hypot(self.floor, self.sigma_45 * 10.0 ** ((45.0 - known) / self.decade_db))
+        sigma = np.hypot(self.floor, self.sigma_45 * 10.0 ** ((45.0 - known) / self.decade_db))
+        if elevation is None or self.low == 0.0:
+            return sigma
+        return np.asarray(sigma * (1.0 + self.low * low_share(elevation)), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +134,9 @@ class DopplerRows:
         [m/s]; eq. (5) of DDIA-VE with Earth rotation, light time and both clocks' scale in it.
     sigma : ndarray, shape (n,)
         1σ of `z` [m/s].
+    z_by_pos : ndarray, shape (n, 3), or None
+        ∂z/∂p: what an error of the position does to `z`, 0.1 … 0.3 (m/s)/km [1/s]. None in rows
+        made by hand: nothing is known of their geometry.
     """
 
     row: NDArray[np.int64]
@@ -119,12 +144,15 @@ class DopplerRows:
     e_e: FloatArray
     z: FloatArray
     sigma: FloatArray
+    z_by_pos: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "row", np.asarray(self.row, dtype=np.int64))
         object.__setattr__(self, "sat", np.asarray(self.sat, dtype=np.str_))
         for name in ("e_e", "z", "sigma"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+        if self.z_by_pos is not None:
+            object.__setattr__(self, "z_by_pos", np.asarray(self.z_by_pos, dtype=float))
 
     def __len__(self) -> int:
         return self.z.size
@@ -137,8 +165,9 @@ class DopplerRows:
 
     def take(self, rows: slice | NDArray) -> DopplerRows:
         """Return the given rows (a slice, a mask or indices)."""
+        by_pos = None if self.z_by_pos is None else self.z_by_pos[rows]
         return DopplerRows(
-            self.row[rows], self.sat[rows], self.e_e[rows], self.z[rows], self.sigma[rows]
+            self.row[rows], self.sat[rows], self.e_e[rows], self.z[rows], self.sigma[rows], by_pos
         )
 
 
@@ -223,13 +252,42 @@ def doppler_rows(
     pos_e = pos_e[row] if pos_e.ndim == 2 else pos_e
     sight = line_of_sight(pos_e, observations.sat_pos_e[row], observations.sat_vel_e[row])
     counted, sent = observations.range_rate[row], observations.sat_clock_drift[row]
+    e_e, z = rows_at(sight, pos_e, counted, sent)
+    sigma = (noise or DopplerNoise()).sigma(observations.cn0[row], observations.elevation[row])
+    by_pos = _by_position(sight, pos_e)
+    return DopplerRows(row, observations.sat[row], e_e, z, sigma, by_pos)
+
+
+def rows_at(
+    sight: LineOfSight, pos_e: FloatArray, counted: FloatArray, sent: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return e/κ and z of range rates, shape (n, 3) and (n,).
+
+    Parameters
+    ----------
+    sight : LineOfSight
+        From `pos_e`.
+    pos_e : ndarray, shape (3,) or (n, 3)
+        Antenna [m].
+    counted, sent : ndarray, shape (n,)
+        Range rates R and the satellites' c·δṫ^s [m/s].
+    """
     satellite = np.sum(sight.e_e * sight.sat_vel_i, axis=-1)
     earth = np.sum(sight.e_e * (pos_e @ OMEGA_IE_SKEW.T), axis=-1)
     stretch = (1.0 + satellite / SPEED_OF_LIGHT) / (1.0 + sent / SPEED_OF_LIGHT)
     kappa = stretch * (1.0 - counted / SPEED_OF_LIGHT)
-    z = (satellite - earth - stretch * (counted + sent)) / kappa
-    sigma = (noise or DopplerNoise()).sigma(observations.cn0[row])
-    return DopplerRows(row, observations.sat[row], sight.e_e / kappa[:, None], z, sigma)
+    return sight.e_e / kappa[:, None], (satellite - earth - stretch * (counted + sent)) / kappa
+
+
+def _by_position(sight: LineOfSight, pos_e: FloatArray) -> FloatArray:
+    """Return ∂z/∂p of rows, to 1e-4 of it: z = e·(v^s − ω×p) + …, ∂e/∂p = −(I − eeᵀ)/ρ.
+
+    Left out are the derivatives of κ and of the turn during light time, both of order v/c.
+    """
+    moved = sight.sat_vel_i - pos_e @ OMEGA_IE_SKEW.T
+    along = np.sum(sight.e_e * moved, axis=-1)
+    across = sight.e_e * along[:, None] - moved
+    return np.asarray(across / sight.range[:, None] - sight.e_e @ OMEGA_IE_SKEW)
 
 
 def elevation_azimuth(e_e: ArrayLike, pos_e: ArrayLike) -> tuple[FloatArray, FloatArray]:

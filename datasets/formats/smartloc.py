@@ -2,16 +2,22 @@
 
 ``RXM-RAWX.csv`` (semicolons): a u-blox M8T, one row per satellite and epoch: pseudorange, carrier,
 Doppler [Hz, positive when approaching], C/N0, and whether the path was line of sight (0), not (1)
-or unknown (#); GLONASS with its frequency slot (channel + 7). Each row repeats the NovAtel SPAN
-truth. ``MY_DATASET.csv`` (commas): odometer speed and yaw rate, each with its own seconds of week,
-and the truth, which repeats between its own epochs. ``NAV-POSLLH.csv``: the receiver's positions.
-There is no IMU.
+or unknown (#); GLONASS with its frequency slot (channel + 7). The carrier counts where the
+receiver's tracking status calls it valid; a lock time that does not reach back to the epoch before
+becomes bit 0 of the loss-of-lock indicator, an unresolved half cycle bit 1. Each row repeats the
+NovAtel SPAN truth. ``MY_DATASET.csv`` (commas): odometer speed and yaw rate, each with its own
+seconds of week, and the truth, which repeats between its own epochs. ``NAV-POSLLH.csv``: the
+receiver's positions. There is no IMU.
+
+Of Berlin1 the raw data of the whole run are to be had as RINEX (GraphGNSSLib), one ``*.obs`` with
+broadcast files, in a folder of its own inside that of the set. It is read with the set's odometer,
+truth and positions, and with its labels where it has them.
 
 Conventions, tested on the data: the truth's heading is mathematical (rad, 0 = east,
 counter-clockwise) and its yaw rate and the odometer's are positive to the left; heading is turned
-to north and clockwise, yaw rate to the down axis. The truth's heading lies 1.2° to the left of the
-course of its positions, and its printed speed is 1.4 % above their differences: the velocity of
-the reference is that of the positions.
+to north and clockwise, yaw rate to the down axis. The truth's heading lies 1.2° to the right of
+the course of its positions, and its printed speed is 1.4 % above their differences: the velocity
+of the reference is that of the positions.
 
 Satellite states come from broadcast ephemerides, or from a table
 ``derived_gps_doppler_merged.csv`` beside the files, which has GPS only, no clock and no clock
@@ -20,8 +26,8 @@ drift (a few mm/s, taken as zero). Its positions are in the axes of the transmis
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence as Many
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,16 +35,23 @@ from numpy.typing import NDArray
 
 from ...filters.earth import SPEED_OF_LIGHT, C_en_at, lla_to_ecef
 from ...filters.errors import DataError
-from ...filters.rotation import FloatArray, wrap_angle
-from ...filters.sensors import ImuSpec
+from ...filters.rotation import FloatArray
 from ..fields import StrArray
 from ..gpstime import SECONDS_PER_WEEK, from_week_sow
 from ..observations import GnssFixes, GnssObservations
-from ..physics import gyro_unit_ratio, refuse
-from ..sequence import Calibration, Sequence
-from ..series import Odometer, Reference
+from ..sequence import Sequence
 from ..text.columns import Columns, open_text, read_columns
-from ..text.tables import increasing, sampling_note
+from ..text.tables import increasing
+from .smartloc_drive import (
+    Drive,
+    Truth,
+    calibration,
+    read_drive,
+    read_numbered,
+    receiver_fixes,
+    reference_note,
+    reference_of,
+)
 
 RAW, DRIVE, FIXES = "RXM-RAWX.csv", "MY_DATASET.csv", "NAV-POSLLH.csv"
 _SATELLITES = "derived_gps_doppler_merged.csv"
@@ -55,17 +68,9 @@ _MEASURED = {
     "doppler": (24,),
     "number": (26,),
     "slot": (27,),
+    "lock_ms": (28,),
     "cn0": (29,),
-}
-_DRIVE = {
-    "week": (1,),
-    "sow": (2,),
-    "place": (7, 6, 8),
-    "heading": (9,),
-    "speed_sow": (11,),
-    "speed": (12,),
-    "yaw_sow": (13,),
-    "yaw_rate": (14,),
+    "status": (33,),
 }
 _FIX = {"week": (1,), "itow": (17,), "place": (19, 18, 20), "accuracy": (22, 23)}
 _STATE = {
@@ -74,13 +79,22 @@ _STATE = {
     "pos": ("sat_x_m", "sat_y_m", "sat_z_m"),
     "vel": ("sat_vx_mps", "sat_vy_mps", "sat_vz_mps"),
 }
-#: A set without inertial sensors: no information from them.
-_NO_IMU = ImuSpec("none", "the set has no IMU", *[np.inf] * 6)
+#: Bits of u-blox's tracking status: carrier phase valid, its half cycle resolved.
+_PHASE, _WHOLE_CYCLES = 2, 4
 
 
 def is_smartloc(folder: Path) -> bool:
-    """Return whether the folder holds ``RXM-RAWX.csv``."""
-    return (folder / RAW).is_file()
+    """Return whether the folder holds ``RXM-RAWX.csv``, or the RINEX of a set around it."""
+    return (folder / RAW).is_file() or _rinex_of_set(folder) is not None
+
+
+def _rinex_of_set(folder: Path) -> Path | None:
+    """Return the only observation file of a folder inside that of a set."""
+    around = folder.resolve().parent
+    if not ((around / RAW).is_file() and (around / DRIVE).is_file()):
+        return None
+    found = sorted(p for p in folder.glob("*.obs") if p.is_file())
+    return found[0] if len(found) == 1 else None
 
 
 def read_smartloc(
@@ -94,9 +108,11 @@ def read_smartloc(
     Parameters
     ----------
     path : path
-        Folder with ``RXM-RAWX.csv``; odometer and the long truth come from ``MY_DATASET.csv``.
+        Folder with ``RXM-RAWX.csv``; odometer and the long truth come from ``MY_DATASET.csv``. Or
+        a folder inside it with the whole run's RINEX.
     navigation : sequence of path
-        Broadcast ephemerides of the day; default: the table of satellite states in the folder.
+        Broadcast ephemerides of the day; default: the table of satellite states in the folder, and
+        for RINEX the broadcast files beside it.
     lever_sigma_m : float
         1σ per axis of the lever arms, which are not documented [m].
 
@@ -106,109 +122,92 @@ def read_smartloc(
         Missing or unreadable files, or an odometer that contradicts the truth.
     """
     folder = Path(path)
-    raw = _read(folder / RAW, {**_TRUTH, **{f"m_{k}": v for k, v in _MEASURED.items()}})
-    truth = _Truth.of(raw, "place", "heading")
-    odometer = None
-    notes = ["smartLoc: no IMU; odometer and yaw rate"]
-    if (folder / DRIVE).is_file():
-        drive = _read(folder / DRIVE, _DRIVE, text={})
-        truth = _Truth.of(drive, "place", "heading")
-        odometer = _odometer(drive)
-        notes += [
-            sampling_note(odometer.time, "odometer"),
-            _check_yaw_rate(odometer, truth, folder / DRIVE),
-        ]
-    else:
-        notes.append(f"no {DRIVE}: no odometer")
     if isinstance(navigation, str | Path):
         navigation = [navigation]
-    observations, more = _observations(folder, raw, tuple(Path(n) for n in navigation))
-    reference = _reference(truth)
-    fixes = _fixes(folder)
+    ephemerides = tuple(Path(n) for n in navigation)
+    notes: tuple[str, ...] = ("smartLoc: no IMU; odometer and yaw rate",)
+    rinex = None if (folder / RAW).is_file() else _rinex_of_set(folder)
+    if rinex is not None:
+        return _whole_run(rinex, ephemerides, notes, lever_sigma_m)
+    raw = _read_raw(folder / RAW)
+    drive = read_drive(folder / DRIVE) if (folder / DRIVE).is_file() else None
+    if drive is None:
+        reference = reference_of(Truth.of(raw, "place", "heading"))
+        notes += (f"no {DRIVE}: no odometer",)
+    else:
+        reference, notes = drive.reference, (*notes, *drive.notes)
+    observations, more = _observations(folder, raw, ephemerides)
     return Sequence(
         name=folder.resolve().name,
         imu=None,
-        calibration=Calibration(
-            imu=_NO_IMU,
-            lever_antenna_b=np.zeros(3),
-            lever_antenna_source="not documented: zero assumed",
-            lever_antenna_sigma=lever_sigma_m,
-        ),
+        calibration=calibration(lever_sigma_m),
         observations=observations,
-        navigation=tuple(Path(n) for n in navigation),
-        fixes=fixes,
-        odometer=odometer,
+        navigation=ephemerides,
+        fixes=_fixes(folder),
+        odometer=None if drive is None else drive.odometer,
         reference=reference,
+        notes=(*notes, *more, reference_note(reference)),
+    )
+
+
+def _whole_run(
+    rinex: Path, navigation: tuple[Path, ...], notes: tuple[str, ...], lever_sigma_m: float
+) -> Sequence:
+    """Return the run whose raw data are RINEX, with what the set around it says."""
+    from ..rtklib import read_observations
+
+    around = rinex.resolve().parent.parent
+    navigation = navigation or _broadcast_beside(rinex)
+    observations = read_observations(rinex, navigation)
+    raw = _read_raw(around / RAW)
+    observations = observations.with_columns(label=_labels_at(observations, raw))
+    drive: Drive = read_drive(around / DRIVE)
+    labelled = int((observations.label != "").sum())
+    return Sequence(
+        name=f"{around.name}-{rinex.parent.name}",
+        imu=None,
+        calibration=calibration(lever_sigma_m),
+        observations=observations,
+        navigation=navigation,
+        fixes=receiver_fixes(around / DRIVE),
+        odometer=drive.odometer,
+        reference=drive.reference,
+        rover_file=rinex,
         notes=(
-            *notes,
-            *more,
-            sampling_note(reference.time, "reference") + "; point and lever arm not documented, "
-            "no roll and pitch; velocity from differenced positions",
+            *notes, *drive.notes,
+            f"raw GNSS: {len(observations)} rows of {rinex.name}, {labelled} of them labelled in "
+            f"{RAW}; nothing is rejected for its label",
+            reference_note(drive.reference),
         ),
-    )
+    )  # fmt: skip
 
 
-def _read(
-    file: Path, numbers: dict[str, tuple[int, ...]], text: dict[str, tuple[int, ...]] | None = None
-) -> Columns:
-    source = open_text(file)
-    width = max(k for columns in numbers.values() for k in columns)
-    if source.width < width:
-        raise DataError(f"expected {width} columns or more, found {source.width}", file=file)
-    words = {"system": (25,), "label": (34,)} if text is None else text
-    return read_columns(source, numbers, words)
-
-
-@dataclass(frozen=True, eq=False)
-class _Truth:
-    """Truth rows, one per epoch."""
-
-    time: FloatArray
-    pos_e: FloatArray
-    heading: FloatArray
-
-    @classmethod
-    def of(cls, rows: Columns, place: str, heading: str) -> _Truth:
-        time = from_week_sow(rows.numbers["week"][:, 0], rows.numbers["sow"][:, 0])
-        if (np.diff(time) < 0.0).any():
-            increasing(rows.table, time, "GPSSecondsOfWeek")
-        _, first = np.unique(time, return_index=True)
-        if first.size < 2:
-            raise DataError(
-                f"expected at least 2 epochs of truth, found {first.size}", file=rows.table.file
-            )
-        lla = rows.numbers[place][first] * [np.pi / 180.0, np.pi / 180.0, 1.0]
-        north = wrap_angle(np.pi / 2 - rows.numbers[heading][first, 0])
-        return cls(time[first], lla_to_ecef(*lla.T), north)
-
-
-def _odometer(drive: Columns) -> Odometer:
-    """Return speed, and yaw rate interpolated to its stamps."""
-    week = drive.numbers["week"][:, 0]
-    at = from_week_sow(week, drive.numbers["speed_sow"][:, 0])
-    turned = from_week_sow(week, drive.numbers["yaw_sow"][:, 0])
-    increasing(drive.table, at, "GPSSecondsOfWeek - Velocity")
-    increasing(drive.table, turned, "GPSSecondsOfWeek - Yawrate")
-    return Odometer(
-        time=at,
-        speed=drive.numbers["speed"][:, 0],
-        yaw_rate=-np.interp(at, turned, drive.numbers["yaw_rate"][:, 0]),
-    )
-
-
-def _check_yaw_rate(odometer: Odometer, truth: _Truth, file: Path) -> str:
-    assert odometer.yaw_rate is not None
-    found = gyro_unit_ratio(odometer.time, odometer.yaw_rate, truth.time, truth.heading)
-    if not found.conclusive:
-        return "yaw rate: taken as documented, too little turning to verify"
-    if not found.is_close_to(1.0):
-        problem = (
-            f"yaw rate contradicts the truth's heading: its integral is {found.ratio:.3g} ± "
-            f"{found.sigma:.1g} times the change, expected 1 (rad/s, positive to the left)"
+def _broadcast_beside(rinex: Path) -> tuple[Path, ...]:
+    """Return the broadcast files in the folder of a RINEX file: by system, else mixed."""
+    single = sorted(p for p in rinex.parent.iterdir() if re.search(r"\.\d\d[ng]$", p.name.lower()))
+    found = single or sorted(rinex.parent.glob("*.rnx"))
+    if not found:
+        raise DataError(
+            "no broadcast ephemerides beside it",
+            file=rinex,
+            remedy="name the day's file with navigation=…",
         )
-        remedy = "check unit and sign of the yaw rate"
-        return refuse(DataError(problem, file=file, remedy=remedy), "course")
-    return f"yaw rate verified: integral / heading change = {found.ratio:.3f} ± {found.sigma:.3f}"
+    return tuple(found)
+
+
+def _read_raw(file: Path) -> Columns:
+    numbers = {**_TRUTH, **{f"m_{k}": v for k, v in _MEASURED.items()}}
+    return read_numbered(file, numbers, {"system": (25,), "label": (34,)})
+
+
+def _labels_at(observations: GnssObservations, raw: Columns) -> StrArray:
+    """Return the labels of the rows by satellite and tenth of a second."""
+    m = {key: raw.numbers[f"m_{key}"][:, 0] for key in ("week", "tow", "number", "slot")}
+    sat, _ = _signals(raw, m["number"], m["slot"])
+    time = np.round(10.0 * from_week_sow(m["week"], m["tow"]))
+    of = dict(zip(zip(sat, time, strict=True), _labels(raw), strict=True))
+    at = zip(observations.sat, np.round(10.0 * observations.time), strict=True)
+    return np.array([of.get(key, "") for key in at], dtype="U4")
 
 
 def _observations(
@@ -221,16 +220,17 @@ def _observations(
     n = time.size
     state, note = _states(folder, navigation, sat, time, m)
     usable = np.isfinite(state[:, :6]).all(axis=1) & np.isfinite(state[:, 7])
+    status = m["status"].astype(int)
     observations = GnssObservations(
         time=time,
         sat=sat,
         signal=np.full(n, "1C"),
         wavelength=wavelength,
         pseudorange=m["pseudorange"],
-        carrier=np.where(m["carrier"] == 0.0, np.nan, m["carrier"]),
+        carrier=np.where((m["carrier"] != 0.0) & (status & _PHASE > 0), m["carrier"], np.nan),
         range_rate=-wavelength * m["doppler"],
         cn0=m["cn0"],
-        loss_of_lock=np.zeros(n, dtype=int),
+        loss_of_lock=_lost(time, sat, m["lock_ms"]) | 2 * (status & _WHOLE_CYCLES == 0),
         sat_pos_e=state[:, :3],
         sat_vel_e=state[:, 3:6],
         sat_clock=state[:, 6],
@@ -268,6 +268,17 @@ def _signals(raw: Columns, number: FloatArray, slot: FloatArray) -> tuple[StrArr
     wavelength = np.where(glonass, SPEED_OF_LIGHT / (1602e6 + 562.5e3 * channel), _L1)
     wavelength[names == "beidou"] = SPEED_OF_LIGHT / 1561.098e6
     return sat, wavelength
+
+
+def _lost(time: FloatArray, sat: StrArray, lock_ms: FloatArray) -> NDArray[np.int64]:
+    """Return 1 where the carrier has been locked for less than the time since the epoch before."""
+    order = np.lexsort((time, sat))
+    same = np.append(False, sat[order][1:] == sat[order][:-1])
+    since = np.where(same, np.diff(time[order], prepend=np.nan), np.inf)
+    out = np.zeros(time.size, dtype=np.int64)
+    # Lock times are rounded to the epoch, and stop counting at 64.5 s.
+    out[order] = 1e-3 * lock_ms[order] < np.minimum(since, 64.0) - 0.05
+    return out
 
 
 def _labels(raw: Columns) -> StrArray:
@@ -321,27 +332,12 @@ def _states(
     return state, f"GPS from {_SATELLITES}; satellite clock drift, a few mm/s, taken as zero"
 
 
-def _reference(truth: _Truth) -> Reference:
-    rpy = np.full((truth.time.size, 3), np.nan)
-    rpy[:, 2] = truth.heading
-    return Reference(
-        time=truth.time,
-        pos_e=truth.pos_e,
-        vel_e=np.gradient(truth.pos_e, truth.time, axis=0),
-        rpy=rpy,
-        lever_b=np.zeros(3),
-        point="not documented",
-        source="NovAtel SPAN, independent of the u-blox receiver",
-        attitude_frame="v",
-    )
-
-
 def _fixes(folder: Path) -> GnssFixes | None:
     """Return the receiver's positions: hAcc per horizontal axis, twice that where vAcc is void."""
     file = folder / FIXES
     if not file.is_file():
         return None
-    rows = _read(file, _FIX, text={})
+    rows = read_numbered(file, _FIX, text={})
     time = from_week_sow(rows.numbers["week"][:, 0], rows.numbers["itow"][:, 0] * 1e-3)
     increasing(rows.table, time, "iTOW")
     lat, lon = np.radians(rows.numbers["place"][:, :2]).T

@@ -43,6 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, default=Path("results/comparison"), metavar="DIR",
         help="page, figures and one result directory a method [results/comparison]",
     )  # fmt: skip
+    parser.add_argument(
+        "--reports", action="store_true",
+        help="draw the report of every run, too: most of the time (certnav report DIR draws one)",
+    )  # fmt: skip
     parser.add_argument("--jobs", type=int, default=-1, help="processes, −1: all processors")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to spread over")
     parser.add_argument("--json", action="store_true", help="print everything as JSON")
@@ -58,9 +62,8 @@ def run(arguments: argparse.Namespace) -> None:
     from ..compare.methods import parse_methods
     from ..compare.report import check_replaceable, write_page
     from ..config_files import load_config
-    from ..report.run import write_report
     from ..spells.outages import parse_outages
-    from .progress import progress
+    from .terminal.progress import progress
 
     if arguments.seeds < 1:
         raise ConfigError(f"--seeds: expected at least 1, found {arguments.seeds}")
@@ -74,11 +77,17 @@ def run(arguments: argparse.Namespace) -> None:
         with progress() as report, kept_in(out.parent / ".certnav-cache"):
             comparison = compare(
                 [load(path, **config.data) for path in arguments.path], methods, outages, config,
-                seeds=arguments.seeds, out=draft, draw=write_report, jobs=arguments.jobs,
-                scheduler=arguments.scheduler, progress=report,
+                seeds=arguments.seeds, out=draft, draw=_report if arguments.reports else None,
+                jobs=arguments.jobs, scheduler=arguments.scheduler, progress=report,
             )  # fmt: skip
         write_page(comparison, draft)
     say(comparison, out, arguments.json)
+
+
+def _report(draft: Path) -> None:
+    from ..report.run import write_report  # slow to import
+
+    write_report(draft)
 
 
 def say(comparison: Comparison, out: Path, as_json: bool) -> None:
@@ -99,23 +108,32 @@ def say(comparison: Comparison, out: Path, as_json: bool) -> None:
 
 
 def table(content: dict[str, Any]) -> list[str]:
-    """Return the drift and the errors of each method as lines of text."""
+    """Return the drift and the errors of each method as lines of text, recording by recording."""
+    parts = list(content["recordings"].items())
+    together = content["methods"]
+    if len(parts) > 1 and any(f["spells"] for f in together.values()):
+        parts.append(("all recordings together", together))
+    lines = []
+    for name, by_method in parts:
+        if len(parts) > 1:
+            lines.append(f"{name}:")
+        lines += [
+            f"{'':24}{'drift per spell [m]':^27}{'horizontal':>11}{'heading':>9}",
+            f"{'method':24}{'median':>9}{'RMS':>9}{'95 %':>9}{'RMS [m]':>11}{'RMS [°]':>9}",
+            *(_row(method, f) for method, f in by_method.items()),
+        ]
+    return lines
 
+
+def _row(name: str, f: dict[str, Any]) -> str:
     def number(value: float | None) -> str:
         return f"{'–':>9}" if value is None else f"{value:9.2f}"
 
-    lines = [
-        f"{'':24}{'drift per spell [m]':^27}{'horizontal':>11}{'heading':>9}",
-        f"{'method':24}{'median':>9}{'RMS':>9}{'95 %':>9}{'RMS [m]':>11}{'RMS [°]':>9}",
-    ]
-    for name, f in content["methods"].items():
-        if not f["runs"]:
-            lines.append(f"{name:24}not available: {f['not_available'][0]}")
-            continue
-        d, e = f["drift_m"], f["errors"]
-        heading = e["heading_rms_deg"]
-        if "alignment_windows" in f:
-            heading = f["alignment_windows"]["mae_deg"]
-        drift = "".join(number(d[k]) for k in ("median", "rms_of_maxima", "p95"))
-        lines.append(f"{name:24}{drift}  {number(e['horizontal_rms_m'])}{number(heading)}")
-    return lines
+    if not f["runs"]:
+        return f"{name:24}not available: {f['not_available'][0]}"
+    d, e = f["drift_m"], f["errors"]
+    heading = e["heading_rms_deg"]
+    if "alignment_windows" in f:
+        heading = f["alignment_windows"]["mae_deg"]
+    drift = "".join(number(d[k]) for k in ("median", "rms_of_maxima", "p95"))
+    return f"{name:24}{drift}  {number(e['horizontal_rms_m'])}{number(heading)}"

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from ...datasets.cache import kept_in
@@ -23,7 +25,7 @@ from ..pipeline import navigate
 from ..results.directory import check_replaceable, write_result
 from ..solution import Solution
 from ..vehicles import VEHICLES, would_explain
-from .progress import announce_kernels, progress
+from .terminal.progress import announce_kernels, progress
 
 _log = logging.getLogger(__name__)
 
@@ -41,11 +43,12 @@ def navigate_folder(
     say: bool = True,
     calibration: Path | None = None,
     learn: Path | None = None,
+    figures: str | None = None,
 ) -> tuple[Path, str]:
     """Load, check, navigate, evaluate, write the result directory, and print the summary.
 
     With `say` off nothing is printed; `calibration` is read, and `learn` written, as of
-    `nav.learned`.
+    `nav.learned`; `figures` is the format of figures for papers, which are not drawn without one.
 
     Returns the directory, and the status of the solution.
     """
@@ -74,20 +77,41 @@ def navigate_folder(
         solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
         write_result(
             out, solution, evaluation, sequence, config, formats,
-            draw=_draw if report_page else None, table=table,
+            draw=_drawing(report_page, figures), table=table,
         )  # fmt: skip
     if learn is not None:
-        write_file(learn, learned(solution).encode())
+        _write_learned(learn, solution)
     _log.info("%s: all of it in %.2f s", out, time.perf_counter() - began)
     if say:
         _print_summary(solution, evaluation, sequence, out)
     return out, solution.status
 
 
-def _draw(draft: Path) -> None:
-    from ..report.run import write_report  # matplotlib is slow to import
+def _write_learned(file: Path, solution: Solution) -> None:
+    """Write what was learned; a run that has learned nothing says so, and has its result."""
+    try:
+        text = learned(solution)
+    except DataError as error:
+        print(f"certnav: {file} not written: {error}", file=sys.stderr)
+        return
+    write_file(file, text.encode())
 
-    write_report(draft)
+
+def _drawing(page: bool, figures: str | None) -> Callable[[Path], None] | None:
+    """Return what draws into a result directory: the page, figures for papers, both or nothing."""
+    if not page and figures is None:
+        return None
+
+    def draw(draft: Path) -> None:
+        from ..report import write_figures, write_report  # slow to import
+        from ..results.directory import read_result
+
+        if page:
+            write_report(draft)
+        if figures is not None:
+            write_figures(read_result(draft), draft / "figures", figures)
+
+    return draw
 
 
 def cache_folder(out: Path | None) -> Path:

@@ -56,6 +56,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--write-calibration", type=Path, metavar="FILE",
         help="write what the run has learned of them, for the next run on the same vehicle",
     )  # fmt: skip
+    parser.add_argument(
+        "--figures", choices=("pdf", "svg", "png"),
+        help="also write the figures for a paper, into figures/ of the result",
+    )  # fmt: skip
     parser.add_argument("--no-report", action="store_true", help="leave report.html out: faster")
     parser.add_argument("--smooth", action="store_true", help="smooth: every epoch knows all data")
     parser.add_argument(
@@ -92,12 +96,16 @@ def run(arguments: argparse.Namespace) -> int:
     formats = parse_formats(arguments.only if only else arguments.format)
     if only and not formats:
         raise ConfigError("--only: expected pos, kml, tum or nav, found none")
+    if only and arguments.figures:
+        raise ConfigError(
+            "--only and --figures: figures are drawn from solution.csv; leave one out"
+        )
     if only and arguments.format:
         raise ConfigError("--only and --format: name all formats in one of them")
     out, status = navigate_folder(
         path, config, arguments.out, formats, arguments.start, arguments.end,
         checked=not arguments.unchecked, report_page=not (arguments.no_report or only),
-        table=not only, say=not arguments.json,
+        table=not only, say=not arguments.json, figures=arguments.figures,
         calibration=arguments.calibration, learn=arguments.write_calibration,
     )  # fmt: skip
     if arguments.json:

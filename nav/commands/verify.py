@@ -56,6 +56,8 @@ def _with_rows_of(path: Path, proofs: list[Proof], options: dict[str, Any]) -> l
     from ..windows.report import evidence
 
     try:
+        # Files that do not speak of the phase are older than the question.
+        options = {"phase": "off", **options}
         how = WindowOptions(**{key: _decoded(value) for key, value in options.items()})
         if not (how.step >= 0.1 and how.window <= 3600.0):
             raise ValueError(f"{how.window:g} s every {how.step:g} s")

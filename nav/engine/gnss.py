@@ -50,6 +50,8 @@ class GnssTimeline:
     resolution: Resolution | None = None
 
 
+#: As far as a vehicle gets between a position and an instant without one [m/s].
+_FASTEST = 40.0
 #: Fewer rows of a satellite than this say nothing about it.
 _MANY = 30
 #: Reason given to rows of satellites that are wrong all the time.
@@ -99,7 +101,7 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
     elif sequence.fixes is not None:
         fixes = sequence.fixes
         at = fixes.take(fixes.usable)
-        where = _Whereabouts(at.time, at.pos_e, np.zeros(len(at)))
+        where = _Whereabouts(at.time, at.pos_e, np.zeros(len(at)), _sigma(at))
         if position == "carried":
             events = _carried(fixes, "position", config)
     if where is not None and where.time.size:
@@ -146,14 +148,27 @@ class _Whereabouts:
     time: FloatArray  # by the receiver's clock [s]
     pos_e: FloatArray
     clock: FloatArray  # [s], receiver − GPS time
+    sigma: FloatArray  # 1σ per axis [m]
 
     def at(self, time: FloatArray) -> FloatArray:
         """Return positions interpolated to `time`, held beyond the ends, shape (n, 3)."""
         return np.column_stack([np.interp(time, self.time, column) for column in self.pos_e.T])
 
+    def sigma_at(self, time: FloatArray) -> FloatArray:
+        """Return 1σ per axis at `time` [m]: far from any position the vehicle may be elsewhere."""
+        after = np.clip(np.searchsorted(self.time, time), 1, max(self.time.size - 1, 1))
+        ends = np.stack([self.time[after - 1], self.time[np.minimum(after, self.time.size - 1)]])
+        gap = np.abs(ends - time).min(axis=0)
+        return np.hypot(np.interp(time, self.time, self.sigma), _FASTEST * gap)
+
     def true_time(self, time: float) -> float:
         """Return the GPS time of an epoch that the receiver labels `time`."""
         return time - float(np.interp(time, self.time, self.clock))
+
+
+def _sigma(fixes: GnssFixes) -> FloatArray:
+    """Return 1σ per axis of positions [m]."""
+    return np.asarray(np.sqrt(np.trace(fixes.pos_cov_e, axis1=1, axis2=2) / 3.0))
 
 
 def sources(sequence: Sequence, config: GnssConfig) -> tuple[str, str]:
@@ -231,7 +246,9 @@ def _single_point(
         code_sigma=config.code_sigma_m,
         weak_sigma=config.code_weak_sigma_m,
     )
-    where = _Whereabouts(spp.fixes.time, spp.fixes.pos_e, spp.clock / SPEED_OF_LIGHT)
+    where = _Whereabouts(
+        spp.fixes.time, spp.fixes.pos_e, spp.clock / SPEED_OF_LIGHT, _sigma(spp.fixes)
+    )
     scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
     lasting = [None] * len(where.time) if spp.lasting_cov_e is None else spp.lasting_cov_e
     events = [
@@ -341,7 +358,10 @@ def _doppler(
         tested[here.row] = len(here) >= _TESTED
         at = where.true_time(time)
         kept = here.take(~np.isin(here.row, found.rejected)) if found.rejected else here
-        offer = DopplerEpoch(at, where.at(np.array([time]))[0], kept) if len(kept) else None
+        offer = None
+        if len(kept):
+            here_e, known = where.at(np.array([time]))[0], where.sigma_at(np.array([time]))
+            offer = DopplerEpoch(at, here_e, kept, float(known[0]))
         if found.ok:
             # Four satellites fit any velocity; one reflected among them is not rare.
             cov = inflated(found.cov_e, scale, floor if found.dof else np.hypot(floor, _UNCHECKED))

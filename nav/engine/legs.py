@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...datasets.imu_faults import Stretch
 from ...datasets.sequence import Calibration
 from ...filters.compiled import rows as layout
 from ...filters.error_model import ErrorModel
@@ -45,6 +46,8 @@ class Leg:
     start : Start
     rows : ndarray, shape (m, ROW_SIZE)
         As recorded, or smoothed where the leg ran to the end.
+    causal : ndarray, shape (m, ROW_SIZE)
+        As recorded.
     updates : tuple of Update
     lost : str
         Why it ended before the data; '' where it did not.
@@ -58,6 +61,7 @@ class Leg:
 
     start: Start
     rows: FloatArray
+    causal: FloatArray
     updates: tuple[Update, ...]
     lost: str
     until: float
@@ -67,7 +71,10 @@ class Leg:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """All a leg is made of; the start, and the time it has taken to find [s], if it is known."""
+    """All a leg is made of; the start, and the time it has taken to find [s], if it is known.
+
+    `blind` is where axes are frozen or clipped, `spells` what follows of that and of gaps.
+    """
 
     events: tuple[GnssEvent, ...]
     stream: InertialStream
@@ -77,6 +84,7 @@ class Course:
     spells: tuple[Spell, ...]
     config: Config
     start: tuple[Start, float] | None = None
+    blind: tuple[Stretch, ...] = ()
 
 
 def legs(course: Course, report: Callable[[float, str], None]) -> Iterator[Leg]:
@@ -134,13 +142,13 @@ def _leg(course: Course, after: float, report: Callable[[float, str], None]) -> 
         rows = _kept(kalman.rows)
         until = max(float(rows[-1, layout.ROW_TIME]) if len(rows) else begin, loop.reached)
         found = course.vehicle.installation(kalman)
-        return Leg(start, rows, tuple(loop.updates), str(error), until, found, aligning)
-    rows = kalman.rows
+        return Leg(start, rows, rows, tuple(loop.updates), str(error), until, found, aligning)
+    rows = causal = kalman.rows
     if kalman.tape is not None:
         report(1.0, "smoother")
         rows = smooth(kalman.tape, kalman.P)
     found = course.vehicle.installation(kalman)
-    return Leg(start, rows, tuple(loop.updates), "", end, found, aligning)
+    return Leg(start, rows, causal, tuple(loop.updates), "", end, found, aligning)
 
 
 def _kept(rows: FloatArray) -> FloatArray:

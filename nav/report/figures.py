@@ -13,7 +13,8 @@ from ..evaluation.accuracy import rpy_covariance, standard_deviation
 from ..page.pictures import BLUE, GREY, INK, ORANGE, SKY, VERMILLION, WIDTH
 from ..results.directory import Result
 from ..results.formats import geodetic_and_ned
-from .panels import band, finish, line, thin
+from .coverage import thin
+from .panels import band, finish, line
 
 _NED = ("north", "east", "down")
 _RPY = ("roll", "pitch", "heading")

@@ -7,6 +7,8 @@ updates.csv            every measurement offered to the filter and what became o
                        time_gps_s, kind, satellites (space separated), whitened innovation
                        w1, w2, w3 …, nis, dof, accepted (1 or 0), reason
 epochs.csv             GNSS epochs: time_gps_s, satellites tracked, satellites usable
+signals.csv            every satellite signal: C/N0, direction, residual, and why it was not used;
+                       only where there were observations
 alignment.csv          attempts to align in motion: time_gps_s, message (what was missing); only
                        when there were any
 reference_errors.csv   solution − reference at each compared reference epoch, with the filter's
@@ -43,11 +45,13 @@ from .tables import (
     read_attempts,
     read_epochs,
     read_errors,
+    read_signals,
     read_solution,
     read_updates,
     write_attempts,
     write_epochs,
     write_errors,
+    write_signals,
     write_solution,
     write_updates,
 )
@@ -139,6 +143,8 @@ def write_result(
             write_solution(draft / "solution.csv", solution.trajectory)
         write_updates(draft / "updates.csv", solution.updates)
         write_epochs(draft / "epochs.csv", solution.epochs)
+        if solution.signals is not None:
+            write_signals(draft / "signals.csv", solution.signals)
         if solution.alignment.attempts:
             write_attempts(draft / "alignment.csv", solution.alignment.attempts)
         if evaluation.has_reference:
@@ -241,6 +247,7 @@ def _read(path: Path) -> Result:
             status=summary["status"],
             fix_errors=None if noise is None else FixErrors(**noise),
             resolution=_resolution(summary["rtk"]),
+            signals=read_signals(path / "signals.csv"),
             timing={k: v for k, v in summary["timing"].items() if v is not None},
         )
         evaluation = _read_evaluation(path / "reference_errors.csv", summary)

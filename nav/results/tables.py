@@ -26,6 +26,7 @@ from ..evaluation.accuracy import (
     rpy_covariance,
     standard_deviation,
 )
+from ..signals import Signals
 from ..solution import Epochs, Trajectory, Update
 from .formats import geodetic_and_ned, write_rows
 
@@ -249,3 +250,46 @@ def read_errors(path: Path) -> dict[str, FloatArray]:
         "sigma_rpy": np.deg2rad(blocks[6]) / 3.0,
         "nees_position": table[:, 25],
     }
+
+
+#: Columns of signals.csv, and how their numbers are written.
+_SIGNAL_COLUMNS = (
+    "time_gps_s", "sat", "signal", "cn0_dbhz", "elevation_deg", "azimuth_deg",
+    "range_rate_residual_mps", "reason",
+)  # fmt: skip
+
+
+def write_signals(path: Path, signals: Signals) -> None:
+    """Write signals.csv: what became of every satellite signal."""
+    elevation, azimuth = np.rad2deg(signals.elevation), np.rad2deg(signals.azimuth)
+    columns = (signals.time, signals.sat, signals.signal, signals.cn0, elevation, azimuth,
+               signals.residual, signals.reason)  # fmt: skip
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(_SIGNAL_COLUMNS)
+        for t, sat, signal, cn0, el, az, residual, reason in zip(
+            *(column.tolist() for column in columns), strict=True
+        ):
+            rows.writerow([f"{t:.3f}", sat, signal, f"{cn0:.1f}", f"{el:.2f}", f"{az:.2f}",
+                           f"{residual:.4f}", reason])  # fmt: skip
+
+
+def read_signals(path: Path) -> Signals | None:
+    """Read signals.csv; there is none where there were no observations."""
+    import pandas as pd  # slow to import
+
+    if not path.exists():
+        return None
+    try:
+        frame = pd.read_csv(path, engine="c", keep_default_na=False, na_values=["nan"],
+                            dtype={"sat": str, "signal": str, "reason": str})  # fmt: skip
+        t, sat, signal, cn0, elevation, azimuth, residual, reason = (
+            frame[name].to_numpy() for name in _SIGNAL_COLUMNS
+        )
+        return Signals(
+            t.astype(float), sat.astype(str), signal.astype(str), cn0.astype(float),
+            np.deg2rad(elevation.astype(float)), np.deg2rad(azimuth.astype(float)),
+            residual.astype(float), reason.astype(str),
+        )  # fmt: skip
+    except (KeyError, ValueError, OSError) as error:
+        raise DataError(f"not a table certnav wrote: {error}".splitlines()[0], file=path) from error

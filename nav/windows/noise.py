@@ -1,10 +1,10 @@
 """Doppler noise and its correlation as one recording shows them, for alignment windows.
 
 Robust alignments over the whole recording leave residuals of every row, rejected ones too; their
-spread by C/N0 is the receiver's noise, and their correlation from epoch to epoch says how many of
-them count as one. How the clock's drift wanders is read off the growth of its differences with
-time. What goes in is Doppler, odometer, yaw rate (or gyros) and positions good to a
-kilometre: the attitude is the alignment's own. The reference is not asked.
+spread by C/N0 and elevation is the receiver's noise, and their correlation from epoch to epoch
+says how many of them count as one. How the clock's drift wanders is read off the growth of its
+differences with time. What goes in is Doppler, odometer, yaw rate (or gyros) and positions good
+to a kilometre: the attitude is the alignment's own. The reference is not asked.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ...alignment.robust import robust_residuals
 from ...datasets.observations import GnssObservations
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray
-from ...velocity.doppler_noise import correlated_epochs, fit_doppler_noise
+from ...velocity.doppler_noise import correlated_epochs, fit_doppler_noise, fit_low_elevation
 from ...velocity.range_rate import DopplerNoise
 
 #: Alignment and fit by turns; the third changes σ by less than 5 %.
@@ -52,8 +52,9 @@ class WindowNoise:
 
     def __str__(self) -> str:
         sigma = self.doppler.sigma(np.array([35.0, 45.0]))
+        low = f", times {1.0 + self.doppler.low:.1f} at the horizon" if self.doppler.low else ""
         return (
-            f"Doppler σ {self.source}: {sigma[0]:.2f} m/s at 35 dB-Hz, {sigma[1]:.2f} at 45; "
+            f"Doppler σ {self.source}: {sigma[0]:.2f} m/s at 35 dB-Hz, {sigma[1]:.2f} at 45{low}; "
             f"{self.correlated:.1f} successive rows count as one"
             + ("" if self.clock_walk is None else f"; clock walk {self.clock_walk:.3f} m/s/√s")
         )
@@ -78,23 +79,27 @@ def fit_window_noise(
     windows = list(windows)
     noise = WindowNoise()
     for _ in range(_ROUNDS):
-        cn0, left, time, sat, drifts = [], [], [], [], []
+        cn0, up, left, time, sat, drifts = [], [], [], [], [], []
         for number, (rows, observations) in enumerate(windows):
-            rows = replace(rows, sigma=noise.doppler.sigma(observations.cn0))
+            sigma = noise.doppler.sigma(observations.cn0, observations.elevation)
+            rows = replace(rows, sigma=sigma)
             try:
                 C_ew, residual = robust_residuals(rows, clock, correlated=noise.correlated)
             except AlignmentError:
                 continue
             cn0.append(observations.cn0)
+            up.append(observations.elevation)
             left.append(residual)
             time.append(observations.time)
             drifts.append(_drift(rows, C_ew))
             sat.append(np.char.add(observations.sat, f"/{number}"))
         if not left:
             raise AlignmentError("no window shows how noisy the Doppler is — use --noise assumed")
-        level, residual = np.concatenate(cn0), np.concatenate(left)
+        level, elevation, residual = map(np.concatenate, (cn0, up, left))
         doppler = fit_doppler_noise(level, residual).noise
-        doppler, normal = _scaled(doppler, level, residual)
+        low = fit_low_elevation(elevation, residual / doppler.sigma(level))
+        doppler = replace(doppler, low=low)
+        doppler, normal = _scaled(doppler, doppler.sigma(level, elevation), residual)
         # One after the other, so that windows that overlap stay apart.
         correlated = correlated_epochs(np.concatenate(time), np.concatenate(sat), normal)
         noise = WindowNoise(doppler, correlated, _walk(drifts), "fitted")
@@ -102,14 +107,14 @@ def fit_window_noise(
 
 
 def _scaled(
-    doppler: DopplerNoise, cn0: FloatArray, residual: FloatArray
+    doppler: DopplerNoise, sigma: FloatArray, residual: FloatArray
 ) -> tuple[DopplerNoise, FloatArray]:
     """Return the noise whose σ is the RMS of what the cutoff keeps, and residuals divided by it.
 
     The spread of a fit is a median, and heavy tails below the cutoff add to χ² what no median
     sees. Residuals beyond the cutoff are NaN.
     """
-    normal = residual / doppler.sigma(cn0)
+    normal = residual / sigma
     factor = float(np.sqrt(np.mean(normal[np.abs(normal) <= _CUTOFF] ** 2)))
     scaled = replace(doppler, sigma_45=factor * doppler.sigma_45, floor=factor * doppler.floor)
     return scaled, np.where(np.abs(normal) <= _CUTOFF * factor, normal / factor, np.nan)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,14 @@ from ...filters.rotation import FloatArray, wrap_angle
 from .methods import Believed, clock_model, solve
 from .noise import WindowNoise, fit_window_noise
 from .options import WindowOptions
-from .rows import alignment_rows, local_track, prepared_observations
+from .rows import (
+    alignment_rows,
+    left_out,
+    local_track,
+    position_sigma,
+    prepared_observations,
+    screened_observations,
+)
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,8 @@ class WindowResult:
         What they are about.
     believed : Believed or None
         And the rows it was made from.
+    left_out : dict of str to int
+        Rows of the window that were not offered to the method, by reason.
     """
 
     start: float
@@ -64,6 +73,7 @@ class WindowResult:
     verdicts: tuple[Verdict, ...] = ()
     result: AlignmentResult | None = None
     believed: Believed | None = None
+    left_out: dict[str, int] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         heading, sigma = self.heading % math.tau, self.sigma_heading
@@ -118,7 +128,15 @@ def align_recording(
         )
     starts = [first + k * options.step for k in range(count)]
     noise = _noise(sequence, observations, pos_e, starts, options)
-    return [align_window(sequence, observations, pos_e, s, options, noise) for s in starts], noise
+    screened, _ = screened_observations(sequence, options)
+    results = [
+        replace(
+            align_window(sequence, observations, pos_e, s, options, noise),
+            left_out=left_out(screened, s, s + options.window),
+        )
+        for s in starts
+    ]
+    return results, noise
 
 
 def _noise(
@@ -128,13 +146,16 @@ def _noise(
     """Return the noise of the rows, fitted to all windows if so asked."""
     if options.noise == "assumed":
         return WindowNoise()
-    windows = []
+    # Whatever the speed's own errors are, scale or lag, they belong to what a row is off by: a
+    # scale left free here would make rows look surer and less alike than they are.
+    windows, exact = [], replace(options, sigma_local_mps=0.0, speed_scale_sigma=0.0)
     for start in starts:
         inside = _inside(observations, start, options)
         part = observations.take(inside)
         try:
             track = local_track(sequence, start, start + options.window)
-            rows = alignment_rows(part, pos_e[inside], track, 0.0, WindowNoise())
+            near = position_sigma(sequence, options, start, start + options.window)
+            rows = alignment_rows(part, pos_e[inside], track, exact, WindowNoise(), near)
         except AlignmentError:
             continue
         windows.append((rows, part))
@@ -164,7 +185,8 @@ def align_window(
         if not inside.any():
             raise AlignmentError("no Doppler in this window")
         track = local_track(sequence, start, end)
-        rows = alignment_rows(part, pos_e[inside], track, options.sigma_local_mps, noise)
+        near = position_sigma(sequence, options, start, end)
+        rows = alignment_rows(part, pos_e[inside], track, options, noise, near)
     except AlignmentError as error:
         return WindowResult(start, 0, len(part), nan, "FAILED", nan, nan, nan, nan, str(error))
     epochs = int(np.unique(rows.epoch).size)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -59,6 +60,7 @@ def as_dict(
             "start_s": r.start,
             "epochs": r.epochs,
             "rows": r.rows,
+            "left_out": r.left_out,
             "satellites": r.satellites,
             "status": r.status,
             "heading_deg": math.degrees(r.heading) % 360.0,
@@ -88,11 +90,13 @@ def as_dict(
             "sigma_45_mps": noise.doppler.sigma_45,
             "floor_mps": noise.doppler.floor,
             "decade_db": noise.doppler.decade_db,
+            "low_elevation": noise.doppler.low,
             "correlated": noise.correlated,
             "clock_walk": options.clock_walk if noise.clock_walk is None else noise.clock_walk,
         },
         "level_deg": options.level_deg,
         "min_cn0": options.min_cn0,
+        "phase": options.phase,
         "summary": summary(results),
         "windows": windows,
     }
@@ -122,6 +126,12 @@ def table(
             + (f"{_marks(r.verdicts):6}  " if judged else "")
             + (r.message or r.status)
         )
+    lost: Counter[str] = Counter()
+    for r in results:
+        lost.update(r.left_out)
+    if lost:
+        said = ", ".join(f"{reason} {count}" for reason, count in lost.most_common())
+        lines.append(f"rows of the windows left out: {said}")
     s = summary(results)
     lines.append(
         f"heading error over {s['windows']} windows: mean |error| {s['mae_deg']:.2f}°, standard "

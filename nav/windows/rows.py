@@ -2,25 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ...alignment.local_velocity import LocalTrack, inertial_track, planar_track
-from ...alignment.problem import AlignmentRows
+from ...alignment.problem import POSITION_SIGMA, AlignmentRows
 from ...datasets.observations import GnssObservations
 from ...datasets.sequence import Sequence
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray
 from ...filters.strapdown import InertialStream
+from ...velocity.phase_rates import phase_gate, with_phase_rates
 from ...velocity.range_rate import doppler_rows, with_elevation
 from .noise import WindowNoise
-from .options import WindowOptions
+from .options import OWN, WindowOptions
+
+#: As far as a vehicle gets between a fix and a window without one [m/s].
+FASTEST = 40.0
 
 
 def prepared_observations(
     sequence: Sequence, options: WindowOptions
 ) -> tuple[GnssObservations, FloatArray]:
     """Return the screened and thinned observations with their approximate positions."""
+    observations, pos_e = screened_observations(sequence, options)
+    keep = observations.has_range_rate & _kept(observations, options)
+    return observations.take(keep), pos_e[keep]
+
+
+def screened_observations(
+    sequence: Sequence, options: WindowOptions
+) -> tuple[GnssObservations, FloatArray]:
+    """Return all observations, those not to be used marked, with their approximate positions."""
     if sequence.observations is None or not sequence.observations.has_range_rate.any():
         raise AlignmentError(f"{sequence.name}: no raw Doppler with satellite states to align with")
     observations = sequence.observations
@@ -29,10 +44,21 @@ def prepared_observations(
     low = observations.elevation < np.radians(options.elevation_mask_deg)
     observations = observations.mark(low, "below elevation mask")
     observations = observations.mark(observations.cn0 < options.min_cn0, "weak signal")
+    if options.phase != "off":
+        observations = phase_gate(observations)
+    if options.phase == "rates":
+        observations = with_phase_rates(observations)
     if options.labels == "los":
         observations = observations.mark(observations.label == "nlos", "labelled as reflected")
-    keep = observations.has_range_rate & _kept(observations, options)
-    return observations.take(keep), pos_e[keep]
+    return observations, pos_e
+
+
+def left_out(observations: GnssObservations, start: float, end: float) -> dict[str, int]:
+    """Return how many rows with a Doppler of their own a window lost, by reason."""
+    inside = (observations.time >= start) & (observations.time <= end)
+    lost = inside & ~observations.usable & np.isfinite(observations.range_rate)
+    reasons, counts = np.unique(observations.rejected[lost], return_counts=True)
+    return dict(zip(map(str, reasons), map(int, counts), strict=True))
 
 
 def _whereabouts(sequence: Sequence, time: FloatArray) -> FloatArray:
@@ -43,6 +69,25 @@ def _whereabouts(sequence: Sequence, time: FloatArray) -> FloatArray:
             f"{sequence.name}: no position to compute lines of sight from — a kilometre would do"
         )
     return np.column_stack([np.interp(time, source.time, x) for x in source.pos_e.T])
+
+
+def position_sigma(sequence: Sequence, options: WindowOptions, start: float, end: float) -> float:
+    """Return 1σ per axis of the positions of a window [m]: what is stated, or what fixes state.
+
+    Fixes are interpolated; where the nearest is far in time the vehicle may be elsewhere.
+    """
+    if options.position_sigma_m is not None:
+        return options.position_sigma_m
+    if sequence.fixes is None:
+        return POSITION_SIGMA
+    fixes = sequence.fixes
+    inside = (fixes.time >= start) & (fixes.time <= end)
+    gap = 0.0
+    if not inside.any():
+        away = np.maximum(np.maximum(start - fixes.time, fixes.time - end), 0.0)
+        inside, gap = away == away.min(), float(away.min())
+    variance = np.trace(fixes.pos_cov_e[inside], axis1=1, axis2=2) / 3.0
+    return float(np.hypot(np.sqrt(np.median(variance)), FASTEST * gap))
 
 
 def _kept(observations: GnssObservations, options: WindowOptions) -> NDArray[np.bool_]:
@@ -83,10 +128,16 @@ def alignment_rows(
     observations: GnssObservations,
     pos_e: FloatArray,
     track: LocalTrack,
-    sigma_local: float,
+    options: WindowOptions,
     noise: WindowNoise,
+    position_sigma: float,
 ) -> AlignmentRows:
     """Pair the Doppler of a window with the local velocity at the same instants."""
     doppler = doppler_rows(observations, pos_e, noise.doppler)
     time = observations.time[doppler.row]
-    return AlignmentRows.paired(doppler, time, track.velocity_at(time), vel_sigma=sigma_local)
+    if options.method not in OWN:  # published without such unknowns
+        position_sigma, options = 0.0, replace(options, speed_scale_sigma=0.0)
+    return AlignmentRows.paired(
+        doppler, time, track.velocity_at(time), vel_sigma=options.sigma_local_mps,
+        position_sigma=position_sigma, speed_scale_sigma=options.speed_scale_sigma,
+    )  # fmt: skip

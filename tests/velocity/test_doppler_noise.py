@@ -10,6 +10,7 @@ from certnav.filters.errors import ConfigError, DataError
 from certnav.velocity.doppler_noise import (
     correlated_epochs,
     fit_doppler_noise,
+    fit_low_elevation,
     own_residuals,
     reference_residuals,
 )
@@ -44,6 +45,19 @@ def test_reflections_do_not_pass_for_noise_unless_asked():
     np.testing.assert_allclose(robust, TRUE.sigma(level), rtol=0.2)
     everything = fit_doppler_noise(cn0, residual, spread="rms").noise.sigma(level)
     assert everything.min() > 1.5
+
+
+@pytest.mark.parametrize("low", [0.0, 0.7, 3.0])
+def test_what_low_satellites_have_too_much_of_is_recovered(low):
+    rng = np.random.default_rng(5)
+    elevation = rng.uniform(0.09, 1.5, 20000)
+    true = DopplerNoise(0.08, 0.03, low=low)
+    normal = true.sigma(45.0, elevation) / true.sigma(45.0) * rng.standard_normal(20000)
+    assert fit_low_elevation(elevation, normal) == pytest.approx(low, abs=0.1 + 0.15 * low)
+    # Elevations that are all the same, or not known, say nothing.
+    assert fit_low_elevation(0.02 * elevation, normal) == 0.0
+    assert fit_low_elevation(np.full(20000, np.nan), normal) == 0.0
+    assert np.all(true.sigma(40.0, np.nan) == true.sigma(40.0))
 
 
 def test_without_range_of_cn0_the_thermal_slope_is_taken():

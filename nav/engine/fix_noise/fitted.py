@@ -59,9 +59,12 @@ def with_fitted_noise(
     if why:
         return course, None, _declared(why)
     report(0.0, "alignment")
-    began = time.perf_counter()
-    start = found_start(course, course.events)
-    course = dataclasses.replace(course, start=(start, time.perf_counter() - began))
+    if course.start is None:
+        began = time.perf_counter()
+        start = found_start(course, course.events)
+        course = dataclasses.replace(course, start=(start, time.perf_counter() - began))
+    else:
+        start = course.start[0]
     report(0.0, "noise of positions")
     used, found = loose_pass(course, start)
     if len(found) < _FEWEST:
@@ -79,7 +82,7 @@ def with_fitted_noise(
             "is a jump or wrong data, not noise; as declared"
         )
         return course, None, (Note("doubtful", text),)
-    return _applied(course, errors), errors, plain([_said(errors, len(used))])
+    return with_noise(course, errors), errors, plain([_said(errors, len(used))])
 
 
 def _why_not(course: Course, positions: list[GnssEvent]) -> str:
@@ -102,8 +105,8 @@ def _reflections(events: tuple[GnssEvent, ...], misfit: float) -> bool:
     return not (misfit < _REFLECTED and np.mean(offered) > 1.0 - _REFLECTED)
 
 
-def _applied(course: Course, errors: FixErrors) -> Course:
-    """Return the course with the errors that were found."""
+def with_noise(course: Course, errors: FixErrors) -> Course:
+    """Return the course with the errors that were found, in its events and in its start."""
     made = [
         _with_noise(e, errors) if e.kind == "position" and not (e.reason or e.resolved) else e
         for e in course.events
@@ -112,7 +115,8 @@ def _applied(course: Course, errors: FixErrors) -> Course:
     start = course.start
     if start is not None and start[0].fix is not None:
         begun, old = start[0], start[0].fix
-        new = next(n for n, e in zip(made, course.events, strict=True) if e is old)
+        # By its time: a start may have been found with the same recording before it was degraded.
+        new = next((e for e in made if e.kind == old.kind and e.time == old.time), old)
         begun = dataclasses.replace(
             begun, fix=new, pos_cov_e=begun.pos_cov_e - old.cov_e + new.cov_e
         )

@@ -12,6 +12,7 @@ from certnav.datasets.loading import load
 from certnav.filters.earth import EARTH_RATE, SPEED_OF_LIGHT, C_en_of
 from certnav.filters.errors import DataError
 from certnav.filters.rotation import wrap_angle
+from certnav.velocity.phase_rates import phase_intervals
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +117,60 @@ def test_the_part_of_a_set_without_imu(drive):
     assert part.imu is None
     assert part.observations.time.min() >= start + 10.0
     assert set(part.observations.label) <= {"los", "nlos"}
+
+
+@pytest.fixture(scope="module")
+def whole(folder):
+    return load(folder / "full")
+
+
+def test_the_whole_run_has_glonass_labels_and_the_sets_odometer(whole, drive):
+    observations = whole.observations
+    assert {str(s)[0] for s in observations.sat} == {"G", "R"}
+    assert np.ptp(observations.time) > 280.0 and observations.has_range_rate.mean() > 0.99
+    labelled = observations.time[observations.label != ""]
+    assert labelled.max() - labelled.min() < 61.0 < np.ptp(observations.time)
+    # The labels are those of the same satellites at the same time.
+    of = {
+        (s, round(10 * t)): label
+        for s, t, label in zip(
+            drive.observations.sat, drive.observations.time, drive.observations.label, strict=True
+        )
+    }
+    at = zip(observations.sat, observations.time, observations.label, strict=True)
+    assert all(of[s, round(10 * t)] == label for s, t, label in at if label)
+    assert len(whole.odometer.time) == len(drive.odometer.time)
+
+
+@pytest.mark.parametrize("system", ["G", "R"])
+def test_doppler_of_both_systems_agrees_with_the_truth_and_with_the_phase(whole, system):
+    """A wavelength of the wrong GLONASS channel would be off by 0.03 % of 3 km/s: 1 m/s."""
+    strong = whole.observations.cn0 >= 45.0
+    mine = whole.observations.take(strong & np.char.startswith(whole.observations.sat, system))
+    assert np.median(range_rate_errors(mine, whole.reference)) < 0.12
+    misfit = phase_intervals(mine).misfit
+    assert abs(np.median(misfit)) < 0.02 and np.median(np.abs(misfit)) < 0.08
+
+
+def test_the_receivers_word_on_its_phase(drive):
+    """Tracking status and lock time: no carrier where it is void, bit 0 at the start of a lock."""
+    observations = drive.observations
+    assert 0.3 < np.isfinite(observations.carrier).mean() < 0.6
+    tracked = np.isfinite(observations.carrier)
+    assert np.median(observations.cn0[~tracked]) < 30.0 < np.median(observations.cn0[tracked])
+    weak = observations.cn0 < 30.0
+    lost = observations.loss_of_lock & 1 > 0
+    assert lost[tracked & weak].mean() > 5.0 * lost[tracked & ~weak].mean()
+
+
+def test_a_whole_run_without_ephemerides_names_what_it_needs(folder, tmp_path):
+    inner = tmp_path / "full"
+    inner.mkdir()
+    shutil.copy(folder / "full" / "Berlin_Potsdamer_Platz.obs", inner)
+    for name in (RAW, DRIVE):
+        shutil.copy(folder / name, tmp_path)
+    with pytest.raises(DataError, match="no broadcast ephemerides beside it"):
+        load(inner)
 
 
 def test_without_odometer_and_satellites_it_says_so(folder, tmp_path):

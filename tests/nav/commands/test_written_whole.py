@@ -98,3 +98,10 @@ def test_a_failure_leaves_the_earlier_directory_whole(
     write(out)
     assert everything(tmp_path) != before
     assert [path.name for path in tmp_path.iterdir()] == [command]
+
+
+@pytest.mark.parametrize("command", ["allan", "declare", "align", "navigation", "verify", "tune"])
+def test_no_command_writes_a_file_piece_by_piece(command):
+    """Killed on the way, it would leave half of it: files go through `placing.write_file`."""
+    source = (Path(directory.__file__).parents[1] / "commands" / f"{command}.py").read_text()
+    assert "write_text(" not in source and "write_bytes(" not in source

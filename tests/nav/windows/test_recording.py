@@ -26,6 +26,7 @@ class Labels(NamedTuple):
     time: np.ndarray
     sat: np.ndarray
     cn0: np.ndarray
+    elevation: np.ndarray
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +86,24 @@ def test_no_wrong_window_passes_the_verdicts(data_dir):
         assert results and not any(r.passed and abs(r.error) > r.bound for r in results)
 
 
+def test_doppler_that_the_phase_contradicts_is_left_out_and_said(exact):
+    """Three satellites whose Doppler follows something else: gone, by name, and the rest stands."""
+    observations = exact.observations
+    bad = np.isin(observations.sat, np.unique(observations.sat)[:3])
+    rate = observations.range_rate + bad * 2.0
+    broken = dataclasses.replace(exact, observations=observations.with_columns(range_rate=rate))
+    options = WindowOptions(window=20.0, step=20.0)
+    kept, believed = (
+        align_windows(broken, dataclasses.replace(options, phase=phase))
+        for phase in ("gate", "off")
+    )
+    moving = [k for k, r in enumerate(kept) if r.passed]
+    assert moving and all(abs(kept[k].error) < kept[k].bound for k in moving)
+    assert not any(believed[k].passed for k in moving)
+    assert all(kept[k].left_out["phase contradicts Doppler"] > 10 for k in moving)
+    assert "phase contradicts Doppler" not in believed[moving[0]].left_out
+
+
 def test_the_same_draw_keeps_the_same_satellites(exact):
     options = WindowOptions(satellites=3.0, seed=4)
     one, two = (align_windows(exact, options) for _ in range(2))
@@ -99,6 +118,8 @@ def test_mistakes_are_named(exact):
         WindowOptions(labels="nlos")
     with pytest.raises(ConfigError, match="expected 'assumed' or 'fitted'"):
         WindowOptions(noise="guessed")
+    with pytest.raises(ConfigError, match="expected 'gate', 'rates' or 'off'"):
+        WindowOptions(phase="on")
     with pytest.raises(ConfigError, match="level"):
         WindowOptions(level_deg=0.0)
     with pytest.raises(AlignmentError, match="no odometer"):
@@ -117,7 +138,7 @@ def test_command_prints_table_and_json(data_dir, tmp_path, capsys):
     result = json.loads(capsys.readouterr().out)
     assert len(result["windows"]) == 9
     assert {"heading_deg", "error_deg", "status", "chi2_per_dof"} <= set(result["windows"][0])
-    assert result["noise"]["source"] == "assumed"
+    assert result["noise"]["source"] == "fitted" and result["level_deg"] == 2.0
 
 
 def test_level_vehicle_and_fitted_noise_find_the_heading(exact):
@@ -133,20 +154,23 @@ def test_level_vehicle_and_fitted_noise_find_the_heading(exact):
 
 
 def test_noise_of_one_recording_comes_back():
-    """What was put into simulated windows: σ by C/N0, a clock that walks, no correlation."""
-    true, windows = DopplerNoise(0.12, 0.03, decade_db=18.0), []
+    """What was put into simulated windows: σ by C/N0 and elevation, a clock that walks."""
+    true, windows = DopplerNoise(0.12, 0.03, decade_db=18.0, low=2.0), []
     for seed in range(8):
         rng = np.random.default_rng(seed)
         w = simulate_window(rng, 7, epochs=60, interval=0.5, speed=10.0, clock_walk=0.05)
         cn0 = rng.uniform(32.0, 50.0, len(w.rows))
-        z = w.rows.z + true.sigma(cn0) * rng.standard_normal(cn0.size)
+        up = rng.uniform(0.1, 1.5, cn0.size)
+        z = w.rows.z + true.sigma(cn0, up) * rng.standard_normal(cn0.size)
         sat = np.array([f"G{k % 7:02d}" for k in range(cn0.size)])
         z[sat == "G03"] += 9.0 * (seed == 2)  # one reflection
         rows = dataclasses.replace(w.rows, z=z)
-        windows.append((rows, Labels(rows.time, sat, cn0)))
+        windows.append((rows, Labels(rows.time, sat, cn0, up)))
     noise = fit_window_noise(windows, ClockModel("random-walk", 0.1))
     level = np.array([35.0, 40.0, 45.0])
-    np.testing.assert_allclose(noise.doppler.sigma(level), true.sigma(level), rtol=0.2)
+    for up in np.radians([8.0, 20.0, 70.0]):
+        found, expected = noise.doppler.sigma(level, up), true.sigma(level, up)
+        np.testing.assert_allclose(found, expected, rtol=0.25)
     assert noise.correlated == pytest.approx(1.0, abs=0.4)
     assert 0.03 < noise.clock_walk < 0.08
 
@@ -174,7 +198,7 @@ def test_proofs_are_written_verified_and_refused_when_tampered_with(data_dir, tm
     path, proof = str(data_dir / "smartloc-berlin1"), tmp_path / "proof.json"
     assert main(["align", path, "--step", "20", "--proof", str(proof)]) == 0
     table = capsys.readouterr().out
-    assert "OUABCK" in table and "Doppler σ assumed" in table
+    assert "OUABCK" in table and "Doppler σ fitted" in table
     assert main(["verify", str(proof)]) == 0
     assert "3 of 3 proofs hold" in capsys.readouterr().out
     assert main(["verify", str(proof), "--rows", path]) == 0
