@@ -24,6 +24,7 @@
     solutions/       results of other programs, whatever their format
     own/             a user's own files by declaration, ``sequence.toml``
     simulation/      a car in a city under a sky, with the truth
+    receivers/       receivers' own files: messages of raw logs, a file by itself
     rtklib/          RINEX, orbits, single-point and relative positions
     text/            numbers, tables and columns as instruments write them
 

@@ -87,7 +87,7 @@ FORMATS: dict[str, Format] = {
     "tumsat": Format("formats.tumsat", "tumsat", "GNSSTCData*.mat with IMUData*.mat"),
     "spirent": Format("formats.instinct", "spirent", "Rover-*_MO_*.obs with *_PVA_*.csv"),
     "receiver": Format(
-        "formats.receiver_file", "receiver_file", "a receiver's log or RINEX, itself named"
+        "receivers.receiver_file", "receiver_file", "a receiver's log or RINEX, itself named"
     ),
 }
 

@@ -219,7 +219,7 @@ class Solution:
     found again; 'lost', where it was not, and ends before the data. `installation` is how the IMU
     sits in the vehicle as known in the end; None where that was not asked. `fix_errors` is None
     where positions were taken as declared; `signals` is None where there were no observations,
-    `resolution` where no positions are relative to a base.
+    `resolution` where no position is relative to a base.
     """
 
     name: str
@@ -232,5 +232,5 @@ class Solution:
     status: str = "ok"
     installation: Installation | None = None
     fix_errors: FixErrors | None = None
-    signals: Signals | None = None
     resolution: Resolution | None = None
+    signals: Signals | None = None

@@ -254,6 +254,7 @@ def doppler_rows(
     counted, sent = observations.range_rate[row], observations.sat_clock_drift[row]
     e_e, z = rows_at(sight, pos_e, counted, sent)
     sigma = (noise or DopplerNoise()).sigma(observations.cn0[row], observations.elevation[row])
+    sigma = sigma * observations.noise_factor[row]
     by_pos = _by_position(sight, pos_e)
     return DopplerRows(row, observations.sat[row], e_e, z, sigma, by_pos)
 

@@ -103,7 +103,8 @@ class Signals:
         when = observations.time if time is None else np.asarray(time, dtype=float)
         return cls(
             when[row], observations.range_rate[row],
-            (noise or DopplerNoise()).sigma(observations.cn0[row]), observations.sat_pos_e[row],
+            (noise or DopplerNoise()).sigma(observations.cn0[row]) * observations.noise_factor[row],
+            observations.sat_pos_e[row],
             observations.sat_vel_e[row], observations.sat_clock_drift[row],
         )  # fmt: skip
 

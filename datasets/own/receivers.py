@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..formats.raw_frames import FORMATS, find_frames
 from ..great.files import rinex_kind
+from ..receivers.raw_frames import FORMATS, find_frames
 from ..text.rinex_packing import is_packed, unpack
 
 #: UBX-NAV-PVT holds fixes (`formats.ubx`).

@@ -15,7 +15,7 @@ from ...filters.rotation import FloatArray
 from ..observations import GnssFixes, GnssObservations
 from .persistence import Linearised, Persistent, persistent_faults, variance_factor
 from .point_engine import Point, PointEngine, spp_options
-from .satellites import load_navigation
+from .satellites import ephemerides_used, load_navigation
 
 #: How often satellites that are wrong all the time are looked for: without one, others are seen.
 _ROUNDS = 3
@@ -120,7 +120,9 @@ def single_point(
         are left out by RTKLIB.
     """
     options = spp_options(elevation_mask, ionosphere, troposphere, code_sigma)
-    engine = PointEngine(load_navigation(navigation), options, observations, weak_sigma)
+    nav = load_navigation(navigation)
+    options.sateph = ephemerides_used(nav)
+    engine = PointEngine(nav, options, observations, weak_sigma)
     offered = observations.usable & ~(observations.cn0 < min_cn0)
     offered &= np.isfinite(observations.pseudorange)
     take = offered.copy()

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ..observations import GnssFixes, GnssObservations
+from ..text.orbit_products import is_product
 from ..text.rinex import check_observations
 from ..text.rinex_repair import readable_rinex
 from .base import OwnMean, base_position, own_mean, refuse_no_position
@@ -152,6 +153,8 @@ def relative_positions(
     if not bases:
         raise DataError("no base station file given", remedy="name its RINEX observations")
     load_navigation(navigation)
+    # Over a base's distance broadcasts are as good as any orbit.
+    navigation = [file for file in navigation if not is_product(file)]
     for file in (rover, *bases):
         check_observations(file)
     known = base_position(bases[0], base_pos_e)

@@ -26,6 +26,7 @@ from ..config import GnssConfig
 from ..notes import Note, plain
 from ..rejections import rejections
 from ..solution import Epochs, Resolution
+from .constellations import weighed_constellations
 from .events import GnssEvent, doppler_noise, inflated, missing
 from .relative import with_relative_positions
 from .whereabouts import Whereabouts, without_fixes
@@ -112,6 +113,10 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         assert where is not None
         # Whose orbit is wrong all the time has no line of sight and no velocity to speak of.
         observations = observations.mark(wrong, _WRONG)
+        observations, said = weighed_constellations(
+            observations, where.at(observations.time), doppler_noise(config)
+        )
+        notes += said
         velocities, observations, tested = _doppler(observations, where, config)
         events += velocities
         notes += tuple(_always_refused(observations, tested))

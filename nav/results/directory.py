@@ -246,8 +246,8 @@ def _read(path: Path) -> Result:
             notes=tuple(Note(**note) for note in summary["notes"]),
             status=summary["status"],
             fix_errors=None if noise is None else FixErrors(**noise),
-            signals=read_signals(path / "signals.csv"),
             resolution=_resolution(summary["rtk"]),
+            signals=read_signals(path / "signals.csv"),
             timing={k: v for k, v in summary["timing"].items() if v is not None},
         )
         evaluation = _read_evaluation(path / "reference_errors.csv", summary)

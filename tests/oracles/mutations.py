@@ -321,7 +321,7 @@ def ubx(data: bytes, r: Random) -> bytes:
 
 def raw_message(data: bytes, r: Random) -> bytes:
     """Break a message of a raw log, in any maker's format, under a checksum that is right."""
-    from certnav.datasets.formats.raw_frames import find_frames
+    from certnav.datasets.receivers.raw_frames import find_frames
 
     from .receiver_logs import reframed
 

@@ -1,6 +1,6 @@
 """Receivers' own logs as RINEX: what RTKLIB's decoders make of UBX, SBF, RTCM 3 and NovAtel OEM.
 
-RTKLIB is given the messages whose checksums are right and nothing else (`formats.raw_frames`).
+RTKLIB is given the messages whose checksums are right and nothing else (`receivers.raw_frames`).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ import pyrtklib5 as rtk
 from ....filters.errors import DataError
 from ... import cache as shelf
 from ... import gpstime
-from ...formats.raw_frames import FORMATS, Frames, find_frames
 from ...formats.receiver_logs import log_bytes
+from ...receivers.raw_frames import FORMATS, Frames, find_frames
 from ..satellites import GPS_EPOCH_GTIME
 
 _STRFMT = {
@@ -35,7 +35,7 @@ _STRFMT = {
 }  # fmt: skip
 _HERE = Path(__file__).resolve().parent
 _PROGRAM = _HERE / "raw_to_rinex.py"
-_CODE = [Path(__file__), _PROGRAM, _HERE.parents[1] / "formats/raw_frames.py"]
+_CODE = [Path(__file__), _PROGRAM, _HERE.parents[1] / "receivers/raw_frames.py"]
 #: A decoder takes 0.1 s to start and 30 MB a second; so long that it must be caught in a loop.
 _PATIENCE_S, _SLOWEST = 30.0, 1e6
 #: Galileo's week 0 is GPS week 1024, BeiDou's is 1356.

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from certnav.datasets.cache import kept_in
-from certnav.datasets.formats.raw_frames import find_frames
 from certnav.datasets.great.reader import read_great
 from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.loading import load
 from certnav.datasets.own.declare import draft_declaration
 from certnav.datasets.own.drafted import declaration_of
+from certnav.datasets.receivers.raw_frames import find_frames
 from certnav.datasets.rtklib import (
     given_files,
     is_raw_log,

@@ -345,3 +345,34 @@ def test_constellations_that_are_not_asked_for_take_no_part(single):
     assert not gnss_timeline(rigs.recording(mixed), gnss()).observations.rejected[0]
     with pytest.raises(ConfigError, match=r"gnss\.systems: found 'C', and the recording has E, G"):
         gnss_timeline(rigs.recording(mixed), gnss(systems="C"))
+
+
+def mixed(times, offset=0.0, few=0):
+    """Return a sky of GPS and Galileo, Galileo's range rates off by `offset`; first `few` of it."""
+    o = epochs_of(times)
+    names = np.array([*("G01", "G02", "G03", "G04", "G05"), *("E06", "E07", "E08")])
+    sat = np.tile(names, len(times))
+    rate = o.range_rate + offset * np.char.startswith(sat, "E")
+    o = o.with_columns(sat=sat, range_rate=rate)
+    keep = np.tile(np.isin(np.arange(8), [0, 5, 6][:few] if few else np.arange(8)), len(times))
+    return o.take(keep)
+
+
+def test_a_constellation_with_another_drift_is_refused_with_the_reason(single):
+    times = 10.0 + np.arange(30.0)
+    for offset, refused in ((0.0, False), (0.8, True)):
+        single(times)
+        found = gnss_timeline(rigs.recording(mixed(times, offset)), gnss())
+        marked = found.observations.rejected == "constellation's Doppler disagrees"
+        assert marked.sum() == (3 * 30 if refused else 0)
+        said = [n.text for n in found.notes if n.doubtful]
+        assert bool(said) is refused and all("Galileo: its Doppler has another" in t for t in said)
+        (first, *_) = of_kind(found, "velocity")
+        assert set(np.char.array(first.satellites).astype("U1")) == set("G" if refused else "GE")
+
+
+def test_three_satellites_of_any_mixture_are_rows(single):
+    single([10.0])
+    found = gnss_timeline(rigs.recording(mixed([10.0], few=3)), gnss())
+    (offered,) = of_kind(found, "doppler")
+    assert offered.satellites == ("G01", "E06", "E07") and len(offered.observations) == 3

@@ -1,0 +1,5 @@
+"""Receivers' own files: the messages in raw logs, and a file by itself as a recording.
+
+raw_frames     messages of UBX, SBF, RTCM 3 and NovAtel OEM, found by their checksums
+receiver_file  a raw log or RINEX observations without an IMU
+"""
