@@ -104,8 +104,8 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         if position == "carried":
             events = _carried(fixes, "position", config)
     if velocity == "doppler" and (where is None or not where.time.size):
-        where, said = without_fixes(sequence, observations, config)
-        notes += (Note("note", said),)
+        where, text = without_fixes(sequence, observations, config)
+        notes += (Note("note", text),)
     if where is not None and where.time.size:
         observations = _masked(observations, where, config)
     epochs = _count(observations)
