@@ -45,7 +45,9 @@ class RobustOptions:
         (1 − reserve) times the consensus. Among the rows rejected alone, none may have
         (1 − 2·reserve) times as many, if they are more than a minority.
     radius : float
-        'Others' are those further away than this [rad].
+        'Others' are those further away than this [rad]: another answer, where what is nearer
+        belongs to the basin that the bound is about. A slow vehicle's rows leave four fifths of a
+        consensus to headings 30° away.
     minority, coherence : float
         If the rows rejected are more than this share of all, by weight, no other rotation may
         explain this share of them: rows that agree with each other are a second opinion, not
@@ -60,7 +62,7 @@ class RobustOptions:
     cutoff: float = 3.5
     support: float = 2.0
     reserve: float = 0.2
-    radius: float = float(np.radians(25.0))
+    radius: float = float(np.radians(40.0))
     minority: float = 0.27
     coherence: float = 0.7
     unproved: float = 0.2

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray
@@ -19,6 +20,9 @@ from ..solver.refinement import rotation_angle
 from .unknowns import InertialOptions
 from .window import Mask, Solved, Window, settle
 
+#: Probability with which each part of a sound window agrees with its weights: one window in fifty
+#: has twenty such parts and one that does not, were σ not on the safe side.
+_EVERYWHERE = 0.999
 #: Makes the window at given biases.
 Linearised = Callable[[FloatArray], Window]
 
@@ -54,6 +58,31 @@ def consensus(inliers: Mask, options: InertialOptions) -> Verdict:
     if not passed:
         text += f", {100.0 * (1.0 - options.minority):.0f} % are needed"
     return Verdict(Ask.CONSENSUS, passed, share, 1.0 - options.minority, text)
+
+
+def everywhere(solved: Solved) -> Verdict:
+    """Return whether the rows agree in every eighth of the window, and of every satellite.
+
+    χ² of all rows says little of a few: forty seconds at rest, where nothing contradicts anything,
+    hide fifteen epochs in which one of three satellites was a reflection.
+    """
+    scores, rows = solved.scores(), solved.window.stretch.rows
+    eighth = np.minimum(8 * rows.epoch // rows.time.size, 7)
+    parts = [(str(sat), rows.sat == sat) for sat in np.unique(rows.sat)]
+    parts += [(f"part {k + 1} of 8", eighth == k) for k in range(8)]
+    worst, said, limit = 0.0, "", np.inf
+    for name, part in parts:
+        judged = scores[part & (scores > 0.0)]
+        if judged.size < 3:
+            continue
+        allowed = float(2.0 * gammaincinv(0.5 * judged.size, _EVERYWHERE)) / judged.size
+        ratio = float(np.mean(judged**2))
+        if ratio / allowed > worst:
+            worst, limit = ratio / allowed, allowed
+            said = f"{name}: χ²/dof {ratio:.2f} at {judged.size}"
+    passed = worst <= 1.0
+    text = said if passed else f"{said} (limit {limit:.2f}): reflections, or σ too small"
+    return Verdict(Ask.EVERYWHERE, passed, worst, 1.0, text)
 
 
 def separation(

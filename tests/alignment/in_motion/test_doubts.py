@@ -144,3 +144,35 @@ def test_a_satellite_without_which_nothing_is_left_carries_the_attitude(monkeypa
     verdict = separation_of(monkeypatch, [np.zeros(3), None, np.zeros(3)], [cov] * 3, cov)
     assert not verdict.passed and verdict.value == np.inf
     assert verdict.message == "nothing is left without G02"
+
+
+def everywhere_of(scores, sat, epoch, epochs=80):
+    """The verdict on residuals, in σ after the fit."""
+    rows = SimpleNamespace(sat=sat, epoch=epoch, time=np.arange(float(epochs)))
+    window = SimpleNamespace(stretch=SimpleNamespace(rows=rows))
+    verdict = doubts.everywhere(SimpleNamespace(window=window, scores=lambda: scores))
+    assert verdict.name is Ask.EVERYWHERE and verdict.limit == 1.0
+    return verdict
+
+
+def test_sound_rows_agree_everywhere_as_often_as_the_probability_says():
+    rng, refused = np.random.default_rng(8), 0
+    epoch, sat = np.repeat(np.arange(80), 3), np.tile(["G01", "G02", "G03"], 80)
+    for _ in range(1000):
+        refused += not everywhere_of(np.abs(rng.normal(size=240)), sat, epoch).passed
+    # Eleven parts of 0.1 % each.
+    assert 2 <= refused <= 25
+
+
+@pytest.mark.parametrize("where", ["satellite", "end"])
+def test_a_few_rows_that_contradict_are_not_hidden_by_many_that_cannot(where):
+    """The window as a whole has less χ² than it may have."""
+    rng = np.random.default_rng(9)
+    epoch, sat = np.repeat(np.arange(80), 3), np.tile(["G01", "G02", "G03"], 80)
+    bad = (sat == "G02") & (epoch >= 65) if where == "satellite" else epoch >= 75
+    scores = np.abs(rng.normal(size=240)) * np.where(bad, 3.0, 0.3)
+    assert np.mean(scores**2) < 0.9
+    verdict = everywhere_of(scores, sat, epoch)
+    assert not verdict.passed and "reflections, or σ too small" in verdict.message
+    # Rows that were rejected or cannot be judged have no score, and no say.
+    assert everywhere_of(np.where(bad, 0.0, scores), sat, epoch).passed
