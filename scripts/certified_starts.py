@@ -5,8 +5,9 @@
 The drive (default: tumsat-tsukishima, u-blox F9P and a 50 Hz MEMS IMU in Tokyo) is started every so
 many seconds, as `certnav run` starts with ``alignment.method = certified``. What counts is time
 spent faster than 5 m/s, traffic speed: `--within` so many seconds of it. Heading is held against
-the course of the reference's velocities, where the car is that fast and turns by less than 2°/s,
-over the window that passed. What the others waited for is counted by their attempts in that time.
+the course of the receiver's velocities, where the car is that fast and turns by less than 2°/s,
+over the window that passed, or the minute after it. What the others waited for is counted by their
+attempts in that time.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from certnav.alignment.in_motion.align import InertialAlignment
+from certnav.alignment.in_motion.track import ImuParts
 from certnav.datasets.loading import load
 from certnav.datasets.sequence import Sequence
 from certnav.filters.earth import C_en_of
@@ -37,6 +39,8 @@ from certnav.nav.engine.start.finder import StartFinder
 
 #: Traffic speed [m/s], and the yaw rate up to which a car points where it goes [rad/s].
 TRAFFIC, STRAIGHT = 5.0, np.radians(2.0)
+#: Epochs that a heading is judged by, at least.
+ENOUGH = 5
 #: Waiting longer than this is not waiting for an alignment [s].
 LONGEST = 300.0
 #: What a message is about, by a word in it.
@@ -45,6 +49,7 @@ REASONS = {
     "no heading": "heading not known well enough yet",
     "heading ±": "heading not known well enough yet",
     "are needed": "too many rows rejected",
+    "reflections": "a part or a satellite contradicts",
     "χ²/dof": "rows inconsistent",
     "bound": "attitude not bounded",
     "without": "hangs on one satellite",
@@ -67,11 +72,11 @@ class Outcome:
 
 
 class Motion:
-    """Speed and course of the reference, or of the receiver where it has gaps."""
+    """Speed and course by the receiver's velocities."""
 
     def __init__(self, sequence: Sequence) -> None:
-        fixes, reference = sequence.fixes, sequence.reference
-        assert fixes is not None and reference is not None
+        fixes = sequence.fixes
+        assert fixes is not None
         known = fixes.has_velocity
         self.time = fixes.time[known]
         vel_n = np.einsum("nji,nj->ni", C_en_of(fixes.pos_e[known]), fixes.vel_e[known])
@@ -83,17 +88,31 @@ class Motion:
         inside = (self.time >= begin) & (self.time < end)
         return float(np.sum(self.speed[inside] > TRAFFIC)) * self.interval
 
-    def heading_error(self, found: InertialAlignment, C_bv: np.ndarray) -> float:
-        """Return the median of heading − course over a window [rad]; NaN if never straight."""
-        errors = []
-        for k, time in enumerate(found.track.time):
-            near = int(np.argmin(np.abs(self.time - time)))
-            turns = abs(found.track.omega_b[k, 2]) > STRAIGHT
-            if turns or abs(self.time[near] - time) > 0.15 or self.speed[near] < TRAFFIC:
-                continue
-            C_nv = C_en_of(found.pos_e).T @ found.track.attitude(found.C_eb, k) @ C_bv
-            errors.append(wrap_angle(np.arctan2(C_nv[1, 0], C_nv[0, 0]) - self.course[near]))
-        return float(np.median(errors)) if errors else float("nan")
+    def heading_error(
+        self, found: InertialAlignment, stream: InertialStream, C_bv: np.ndarray
+    ) -> float:
+        """Return the median of heading − course over a window [rad].
+
+        Of a window without straight driving it is that of the minute after it, to which the gyros
+        carry the heading (the Earth turns by 0.25° meanwhile); NaN if there is none, either.
+        """
+        track, C_nv = found.track, C_en_of(found.pos_e).T
+        attitudes = np.array([track.attitude(found.C_eb, k) for k in range(track.time.size)])
+        errors = self._errors(track.time, track.omega_b, C_nv @ attitudes @ C_bv)
+        if errors.size < ENOUGH:
+            time = np.arange(found.time, min(found.time + 60.0, stream.end - 0.5), 0.5)
+            later = ImuParts(stream).track(time, np.append(found.gyro_bias, found.accel_bias))
+            attitudes = found.C_eb @ later.C_wb[0].T @ later.C_wb
+            errors = self._errors(later.time, later.omega_b, C_nv @ attitudes @ C_bv)
+        return float(np.median(errors)) if errors.size >= ENOUGH else float("nan")
+
+    def _errors(self, time: np.ndarray, omega_b: np.ndarray, C_nv: np.ndarray) -> np.ndarray:
+        """Return heading − course where the car drives fast and straight [rad]."""
+        near = np.clip(np.searchsorted(self.time, time), 0, self.time.size - 1)
+        good = (np.abs(omega_b[:, 2]) < STRAIGHT) & (np.abs(self.time[near] - time) < 0.25)
+        good &= self.speed[near] > TRAFFIC
+        heading = np.arctan2(C_nv[:, 1, 0], C_nv[:, 0, 0])
+        return np.asarray(wrap_angle(heading - self.course[near])[good])
 
 
 def reason(message: str) -> str:
@@ -127,7 +146,7 @@ def start(
     )
     if found is None or found.certified is None:
         return Outcome(begin, motion.driven(begin, end), False, np.nan, np.nan, waited)
-    error = motion.heading_error(found.certified, calibration.C_bv)
+    error = motion.heading_error(found.certified, stream, calibration.C_bv)
     sigma = float(np.degrees(found.certified.sigma_heading))
     return Outcome(begin, motion.driven(begin, end), True, float(np.degrees(error)), sigma, waited)
 
@@ -163,6 +182,7 @@ def main() -> None:
         "median_driven_s": float(np.median([o.driven for o in certified])) if certified else None,
         "heading_mean_deg": float(np.nanmean(errors)) if certified else None,
         "heading_largest_deg": float(np.nanmax(errors)) if certified else None,
+        "judged": int(np.isfinite(errors).sum()),
         "beyond_3_deg": int(np.sum(errors > 3.0)),
         "beyond_4_sigma": int(
             sum(abs(o.error_deg) > 4.0 * np.hypot(o.sigma_deg, 0.5) for o in certified)

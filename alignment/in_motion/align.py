@@ -28,7 +28,7 @@ from ..levelling import InitialAttitude
 from ..result import AlignmentResult, Ask
 from ..solver.refinement import rotation_angle
 from ..verdict import judge
-from .doubts import consensus, everywhere, reject, rivals, separation
+from .doubts import consensus, everywhere, in_motion, reject, rivals, separation
 from .rows import InertialDoppler, inertial_doppler, inertial_rows
 from .track import ImuParts, InertialTrack
 from .unknowns import InertialOptions
@@ -267,7 +267,7 @@ def align_epochs(
         result = judge(solved.problem, limits=options.limits)
     inliers = solved.inliers
     if not inliers.all():
-        result = result.asked_further(consensus(inliers, options))
+        result = result.asked_further(consensus(inliers, options, in_motion(doppler)))
     if result.passed:
         # Slow, and of no use to what waits anyway.
         further = [everywhere(solved), rivals(stretch.at, solved, result, inliers, options)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,6 +26,38 @@ def test_consensus_needs_nine_rows_of_ten(rejected, passed):
     assert (verdict.value, verdict.limit) == (1.0 - rejected / 100, 0.9)
     assert verdict.message.startswith(f"{100 - rejected} of 100 rows agree")
     assert verdict.message.endswith("90 % are needed") == (not passed)
+
+
+def test_rows_at_rest_do_not_outvote_those_in_motion():
+    """146 of 156 agree, of 24 in motion 14: what a window in a canyon passed with, 22° wrong."""
+    inliers, moves = np.ones(156, dtype=bool), np.arange(156) >= 132
+    inliers[-10:] = False
+    assert doubts.consensus(inliers, OPTIONS).passed
+    verdict = doubts.consensus(inliers, OPTIONS, moves)
+    assert not verdict.passed and verdict.value == pytest.approx(14 / 24)
+    assert verdict.message.startswith("14 of 24 rows in motion agree, 90 % are needed")
+    # Too few in motion for a share of them to mean anything.
+    assert doubts.consensus(inliers, OPTIONS, np.arange(156) >= 147).passed
+
+
+def test_motion_is_what_satellites_see_and_neither_clock_nor_the_earth(noise_free):
+    doppler, drive = noise_free.doppler, noise_free.simulation
+    reference = drive.reference
+    speed = np.linalg.norm(
+        [np.interp(doppler.time, reference.time, v) for v in reference.vel_e.T], axis=0
+    )
+    moves = doubts.in_motion(doppler)
+    fast = (speed > 3.0)[doppler.epoch]
+    assert fast.any() and moves[fast].all()
+    still = replace(doppler, z=doppler.z - np.sum(doppler.e_e * _velocity(doppler, drive), axis=1))
+    assert not doubts.in_motion(still).any()
+
+
+def _velocity(doppler, drive):
+    """Velocity over the Earth at each row, ECEF."""
+    lever_b = drive.calibration.lever_antenna_b
+    ends = [drive.trajectory.pos_e(doppler.time + d, lever_b) for d in (-0.01, 0.01)]
+    return ((ends[1] - ends[0]) / 0.02)[doppler.epoch]
 
 
 @pytest.fixture(scope="module")
