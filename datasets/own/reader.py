@@ -73,7 +73,11 @@ def read_declared(path: str | Path) -> Sequence:
     DataError
         Unreadable files, or declared facts that physics contradicts.
     """
-    declared = read_declaration(path)
+    return sequence_of(read_declaration(path))
+
+
+def sequence_of(declared: Declaration) -> Sequence:
+    """Return the recording of a declaration, wherever its keys are from."""
     _one_kind_of_time(declared)
     antenna = declared.required("antenna", f"[antenna] and {LEVER_LINE}  # IMU to antenna")
     lever_b = lever(antenna, "lever_frd_m", f"{LEVER_LINE}  # IMU to antenna, forward right down")
