@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..datasets.sequence import Sequence
+from ..filters import smoother as filtered
 from ..filters.compiled import rows as layout
 from ..filters.earth import C_en_of
 from ..filters.errors import AlignmentError
@@ -20,12 +21,13 @@ from .engine.blind import blind_axes, blind_notes, blind_spells
 from .engine.events import GnssEvent
 from .engine.fix_noise.fitted import with_fitted_noise
 from .engine.gnss import gnss_timeline
+from .engine.integrity.placed import meaning, of_smoothed, with_protection
 from .engine.legs import Course, Leg, legs, told
 from .engine.model import error_model
 from .engine.vehicle import VehicleConstraints
 from .engine.watch.doubts import doubts, outages
 from .notes import Note, clock, plain
-from .solution import Solution, Trajectory
+from .solution import Separation, Solution, Trajectory
 from .sweep import in_order
 
 Progress = Callable[[float, str], None]
@@ -102,14 +104,17 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
     ]  # fmt: skip
     if status == "ok" and any(note.doubtful for note in notes):
         status = "doubtful"
+    bare = trajectory_from_rows(np.vstack([leg.rows for leg in made if len(leg.rows)]))
+    trajectory = with_lasting(bare, timeline.events)
+    levels = np.vstack(
+        [leg.levels if leg.separation is None else of_smoothed(leg.levels) for leg in made]
+    )
+    trajectory = with_protection(trajectory, levels, config.filter.protection_risk, bare)
     aligning = sum(leg.aligning for leg in made)
     spent = time.perf_counter() - began
     return Solution(
         name=sequence.name,
-        trajectory=with_lasting(
-            trajectory_from_rows(np.vstack([leg.rows for leg in made if len(leg.rows)])),
-            timeline.events,
-        ),
+        trajectory=trajectory,
         updates=updates,
         alignment=made[0].start.report(float(imu.time[0])),
         epochs=timeline.epochs,
@@ -118,7 +123,20 @@ def navigate(sequence: Sequence, config: Config, progress: Progress | None = Non
         status=status,
         installation=installed,
         fix_errors=errors,
+        protection=meaning(course.events, vehicle, config),
+        separation=_separation(made[-1].separation),
     )
+
+
+def _separation(found: filtered.Separation | None) -> Separation | None:
+    """Return the separation in north, east, down."""
+    if found is None:
+        return None
+    C_ne = np.swapaxes(C_en_of(found.pos_e), 1, 2)
+    forward_n, backward_n = (
+        np.einsum("nij,nj->ni", C_ne, part) for part in (found.forward_e, found.backward_e)
+    )
+    return Separation(found.time, forward_n, backward_n, found.chi2)
 
 
 def trajectory_from_rows(rows: FloatArray) -> Trajectory:

@@ -60,7 +60,7 @@ def with_relative_positions(
         )
         resolved = str(fixes.quality[j]) == "fixed"
         out[order[near]] = dataclasses.replace(
-            event, value_e=fixes.pos_e[j], cov_e=cov, lasting_e=None, resolved=resolved
+            event, value_e=fixes.pos_e[j], cov_e=cov, lasting_e=None, resolved=resolved, ranges=None
         )
         apart.append(float(np.linalg.norm(fixes.pos_e[j] - event.value_e)))
         quality[str(fixes.quality[j])] += 1

@@ -37,6 +37,8 @@ def build_report(result: Result) -> str:
             _track_section(result),
             _satellite_section(result),
             _figure_section("Position", figures.position, result, _position_caption(result)),
+            _protection_section(result),
+            _separation_section(result),
             _figure_section("Velocity", figures.velocity, result, _velocity_caption(result)),
             _figure_section("Attitude", figures.attitude, result, _attitude_caption(result)),
             _figure_section("Biases", figures.biases, result, "Measured minus true, body axes "
@@ -167,6 +169,31 @@ def _position_caption(result: Result) -> str:
     if result.evaluation.has_reference:
         return "Solution minus reference at the reference point, north, east, down."
     return "Without a reference only what the filter claims: ±3σ."
+
+
+def _protection_section(result: Result) -> str:
+    told = result.summary["protection"]
+    if told is None:
+        return ""
+    caption = (
+        f"What the error exceeds with a probability of {told['risk']:g} at most, whichever one of "
+        f"these is wrong: {', '.join(told['covers']) or 'none; σ alone'}."
+    )
+    if told["lacks"]:
+        caption += f" Not covered: {'; '.join(told['lacks'])}."
+    return _figure_section("Protection level", figures.protection, result, caption)
+
+
+def _separation_section(result: Result) -> str:
+    told = result.summary["separation"]
+    if told is None:
+        return ""
+    caption = (
+        "Position from the data before each epoch, and what the data after it make of it, less the "
+        f"smoothed one; below, χ² of what is between them, {quantity(told['chi2_mean'], '')} on "
+        "the average: 3 (dashed) if σ is right."
+    )
+    return _figure_section("Forward, backward and combined", figures.separation, result, caption)
 
 
 def _velocity_caption(result: Result) -> str:
