@@ -19,10 +19,12 @@ from ....filters.earth import C_en_of
 from ....filters.ekf import ErrorStateFilter
 from ....filters.error_model import POS
 from ....filters.rotation import FloatArray
-from .responses import THETA, Responses
+from .responses import Responses
 
 #: Spacing of levels in time [s]; what changes them is updates.
 _SPACING = 1.0
+#: North, east and down are kept so far [m]: they turn by 0.01°.
+_SAME_AXES = 1000.0
 
 
 def factors(risk: float) -> tuple[float, float]:
@@ -56,6 +58,7 @@ class Levels(Responses):
     def __init__(self, kalman: ErrorStateFilter, risk: float) -> None:
         super().__init__(kalman.time, kalman.model.size)
         self._kalman, self._factors, self._due = kalman, factors(risk), kalman.time
+        self._place_e, self._C_ne = kalman.pos_e.copy(), C_en_of(kalman.pos_e).T
         self._made: list[tuple[float, float, float]] = []
 
     def predict(self, time: float, phi: FloatArray, P: FloatArray) -> None:
@@ -73,15 +76,21 @@ class Levels(Responses):
     def level(self, P: FloatArray) -> tuple[float, float]:
         """Return the horizontal and the vertical level [m] for a covariance of the filter."""
         k_h, k_v = self._factors
-        C_ne = C_en_of(self._kalman.pos_e).T
+        C_ne = self._axes()
         cov = C_ne @ P[POS, POS] @ C_ne.T
         horizontal, vertical = k_h * float(semi_major(cov)), k_v * float(np.sqrt(cov[2, 2]))
         if not self.names:
             return horizontal, vertical
-        moved, cov_theta = self.moved()
-        away = C_ne @ moved[POS]
-        W = C_ne @ self.columns[THETA][:, POS]
-        covs = cov + np.einsum("aiq,qab,bjq->qij", W, cov_theta, W, optimize=True)
-        of_each_h = np.hypot(away[0], away[1]) + k_h * semi_major(covs)
-        of_each_v = np.abs(away[2]) + k_v * np.sqrt(covs[:, 2, 2])
+        moved, W, cov_theta = self.moved(POS)
+        away, W = moved @ C_ne.T, W @ C_ne.T
+        covs = cov + np.swapaxes(W, 1, 2) @ cov_theta @ W
+        of_each_h = np.hypot(away[:, 0], away[:, 1]) + k_h * semi_major(covs)
+        of_each_v = np.abs(away[:, 2]) + k_v * np.sqrt(covs[:, 2, 2])
         return max(horizontal, float(of_each_h.max())), max(vertical, float(of_each_v.max()))
+
+    def _axes(self) -> FloatArray:
+        """Return C_ne where the filter is."""
+        pos_e = self._kalman.pos_e
+        if np.abs(pos_e - self._place_e).max() > _SAME_AXES:
+            self._place_e, self._C_ne = pos_e.copy(), C_en_of(pos_e).T
+        return self._C_ne

@@ -84,29 +84,36 @@ class Responses:
     def correct(self, P: FloatArray, measurement: Measurement) -> None:
         """See `filters.ekf.Follower`."""
         H, biases = measurement.H, measurement.biases
-        PHt = P @ H.T
-        S = H @ PHt + measurement.R
         at = self._at(biases) if biases is not None else None
-        change = -(H @ self.columns)
-        if biases is not None and at is not None:
-            change[NOW][:, at] += biases.dz
-            theirs = change[:, :, at]
-            innovation = measurement.z[:, None] - theirs[PAST]
-            self._known.innovated(at, theirs[THETA], innovation, S)
-            self._known.hear(at, biases)
-        self.columns += np.linalg.solve(S, PHt.T).T @ change
+        HP, change = H @ P, -(H @ self.columns)
+        S = HP @ H.T + measurement.R
+        if biases is None or at is None:
+            self.columns += np.linalg.solve(S, HP).T @ change
+            return
+        change[NOW][:, at] += biases.dz
+        theirs = change[:, :, at]
+        rows = theirs[THETA].transpose(1, 2, 0)  # (m, faults, t)
+        weighted = np.linalg.solve(S, np.hstack([HP, rows.reshape(len(S), -1)]))
+        gain, weighted = weighted[:, : len(P)].T, weighted[:, len(P) :].reshape(rows.shape)
+        innovation = measurement.z[:, None] - theirs[PAST]
+        self._known.innovated(at, rows, weighted, innovation)
+        self._known.hear(at, biases)
+        self.columns += gain @ change
 
-    def moved(self) -> tuple[FloatArray, FloatArray]:
-        """Return by how much each fault has moved the estimate, and the covariance of that.
+    def moved(self, states: slice = slice(None)) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return by how much each fault has moved some of the states.
 
         Returns
         -------
-        ndarray, shape (states, faults)
-        ndarray, shape (faults, t, t)
-            Covariance of θ, whose columns are ``columns[THETA]``.
+        moved : ndarray, shape (faults, n)
+        W : ndarray, shape (faults, t, n)
+            What θ moves.
+        cov : ndarray, shape (faults, t, t)
+            Covariance of θ: what is not known of `moved` has the covariance Wᵀ cov W.
         """
         theta, cov = self._known.solved()
-        return self.columns[PAST] + np.einsum("tnq,qt->nq", self.columns[THETA], theta), cov
+        W = self.columns[THETA, states].transpose(2, 0, 1)
+        return self.columns[PAST, states].T + (theta[:, None] @ W)[:, 0], W, cov
 
     def _at(self, biases: Biases) -> np.ndarray:
         """Return the columns of some faults, new ones for those not known yet."""
@@ -122,12 +129,11 @@ class Responses:
     def _close(self, sigma: FloatArray) -> None:
         """End a block: its biases are known as far as they will be, and the next are others."""
         columns = self.columns
-        moved, cov = self.moved()
-        W = np.moveaxis(columns[THETA], 2, 0)  # (faults, t, states)
+        moved, W, cov = self.moved()
         lasts = cov[:, 1, 1]
         with_lasting = cov[:, :, 1] / lasts[:, None]
         apart = cov - lasts[:, None, None] * np.einsum("qa,qb->qab", with_lasting, with_lasting)
-        columns[PAST] = moved
+        columns[PAST] = moved.T
         columns[LASTING] = np.einsum("qt,qtn->nq", with_lasting, W)
         columns[REST:] = _fewer(W, apart, sigma).transpose(1, 2, 0)
         columns[NOW] = 0.0
@@ -174,12 +180,11 @@ class _Known:
         self.heard, self.prior = self.heard[:, alive], self.prior[:, alive]
 
     def innovated(
-        self, at: np.ndarray, rows: FloatArray, innovation: FloatArray, S: FloatArray
+        self, at: np.ndarray, rows: FloatArray, weighted: FloatArray, innovation: FloatArray
     ) -> None:
-        """Hear an innovation (m, q) of covariance S, by θ: `rows` (t, m, q)."""
-        weighted = np.linalg.solve(S, rows)
-        self.J[at] += np.einsum("amq,bmq->qab", rows, weighted)
-        self.j[at] += np.einsum("amq,mq->qa", weighted, innovation)
+        """Hear an innovation (m, q): its derivative by θ (m, q, t), and S⁻¹ times that."""
+        self.J[at] += rows.transpose(1, 2, 0) @ weighted.transpose(1, 0, 2)
+        self.j[at] += np.einsum("mqa,mq->qa", weighted, innovation)
 
     def hear(self, at: np.ndarray, biases: Biases) -> None:
         """Hear what measurements say among themselves."""

@@ -118,10 +118,9 @@ def test_the_solution_without_a_sensor_is_that_of_a_filter_that_estimates_its_bi
         H = np.hstack([m.H, np.zeros((2, blocks))])
         H[:, 4 + k // 6] = m.biases.dz[:, 0]
         knowing.correct(measured, H, m.R)
-    moved, cov = found.moved()
-    W = found.columns[responses.THETA][:, :, 0]
-    np.testing.assert_allclose(x - moved[:, 0], knowing.x[:4], rtol=1e-6, atol=1e-8)
-    np.testing.assert_allclose(P + W.T @ cov[0] @ W, knowing.P[:4, :4], rtol=1e-6, atol=1e-8)
+    (moved,), (W,), (cov,) = found.moved()
+    np.testing.assert_allclose(x - moved, knowing.x[:4], rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(P + W.T @ cov @ W, knowing.P[:4, :4], rtol=1e-6, atol=1e-8)
 
 
 def test_what_the_measurements_say_among_themselves_counts_once_a_block():
@@ -146,9 +145,8 @@ def test_what_lasts_is_the_same_error_in_every_block():
         found.columns[NOW, 0, 0] = 1.0 / blocks  # the position moves by a tenth of each
         if block < blocks - 1:
             found.predict((block + 1) * responses.BLOCK, np.eye(4), np.eye(4))
-    _, cov = found.moved()
-    W = found.columns[responses.THETA][:, 0, 0]
-    assert np.sqrt(W @ cov[0] @ W) == pytest.approx(
+    _, (W,), (cov,) = found.moved(slice(1))
+    assert np.sqrt(W[:, 0] @ cov @ W[:, 0]) == pytest.approx(
         np.hypot(noise / blocks**0.5, lasting), rel=0.02
     )
 
