@@ -78,13 +78,13 @@ def steps(rng, count, states=4):
 
 
 class Knowing:
-    """A filter with a state for the bias of every block, as textbooks have it."""
+    """A filter with states for every block's bias and for what lasts, as textbooks have it."""
 
     def __init__(self, P, blocks, largest):
         n = len(P)
-        self.n, self.x = n, np.zeros(n + blocks)
-        self.P = np.zeros((n + blocks, n + blocks))
-        self.P[:n, :n], self.P[n:, n:] = P, largest**2 * np.eye(blocks)
+        self.n, self.x = n, np.zeros(n + blocks + 1)
+        self.P = np.diag(np.r_[np.zeros(n), np.full(blocks, largest**2), 1.0])
+        self.P[:n, :n] = P
 
     def predict(self, phi, noise):
         whole = np.eye(len(self.x))
@@ -98,9 +98,13 @@ class Knowing:
         self.P = self.P - K @ H @ self.P
 
 
+@pytest.mark.parametrize("said", [False, True])
 @pytest.mark.parametrize("blocks", [1, 3])
-def test_the_solution_without_a_sensor_is_that_of_a_filter_that_estimates_its_bias(blocks):
-    """Estimate less `moved`, and P plus its covariance, against one with the biases as states."""
+def test_the_solution_without_a_sensor_is_that_of_a_filter_that_estimates_its_bias(blocks, said):
+    """Estimate less `moved`, and P plus its covariance, against one with the biases as states.
+
+    `said`: once a block the other satellites say how large it is, with an error that lasts.
+    """
     rng = np.random.default_rng(3)
     P = np.diag([4.0, 3.0, 2.0, 5.0])
     noise = 0.05 * np.eye(4)
@@ -112,10 +116,20 @@ def test_the_solution_without_a_sensor_is_that_of_a_filter_that_estimates_its_bi
         knowing.predict(phi, noise)
         # Innovation of either: the same measurement, each with its own prediction.
         measured = m.z + m.H @ x
+        if said and k % 6 == 2:
+            value, sigma, lasting = rng.standard_normal(), 1.5, 2.0
+            row = np.zeros((1, len(knowing.x)))
+            row[0, 4 + k // 6], row[0, -1] = 1.0, lasting
+            knowing.correct(np.array([value]), row, np.array([[sigma**2]]))
+            told = dataclasses.replace(
+                m.biases, estimate=np.array([value]), noise=np.array([sigma]),
+                lasting=np.array([lasting]),
+            )  # fmt: skip
+            m = dataclasses.replace(m, biases=told)
         found.correct(P, m)
         K = P @ m.H.T @ np.linalg.inv(m.H @ P @ m.H.T + m.R)
         x, P = x + K @ m.z, P - K @ m.H @ P
-        H = np.hstack([m.H, np.zeros((2, blocks))])
+        H = np.hstack([m.H, np.zeros((2, blocks + 1))])
         H[:, 4 + k // 6] = m.biases.dz[:, 0]
         knowing.correct(measured, H, m.R)
     (moved,), (W,), (cov,) = found.moved()
