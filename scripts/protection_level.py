@@ -1,8 +1,8 @@
 """Do protection levels hold? Errors against levels over simulated drives, sound and with faults.
 
     python scripts/protection_level.py --seeds 2                          # tables on the screen
-    python scripts/protection_level.py --seeds 2 --out docs/integrity.md \\
-        --figure docs/figures/protection.png
+    python scripts/protection_level.py --seeds 2 --out docs/integrity.md  # the page's section
+    python scripts/protection_level.py --figure stanford.png              # and a picture of it
     python scripts/protection_level.py --seeds 1 --worlds suburb --only orbit --smooth
 
 Every second of every drive is held against its level (the truth is known); the share beyond it is
@@ -40,7 +40,7 @@ from oracles import gnss_breaks as gnss
 WORLDS = ("suburb", "urban", "canyon")
 DURATION = 180.0
 SECTION = "## Errors against levels"
-COMMAND = "python scripts/protection_level.py --seeds {} --out docs/integrity.md --figure {}"
+COMMAND = "python scripts/protection_level.py --seeds {} --out docs/integrity.md"
 
 Change = Callable[[Path], Sequence]
 
@@ -181,9 +181,9 @@ def draw(found: dict[tuple[str, str], Seconds], path: Path) -> None:
             s = together(parts)
             label = "one satellite wrong" if fault else "no fault"
             axes.loglog(np.maximum(s.error[:, k], 1e-2), s.level[:, k], ".", color=colour,
-                        markersize=2.0, alpha=0.4, label=label, zorder=1 - fault)  # fmt: skip
+                        markersize=2.0, alpha=0.4, label=label, zorder=3 - fault)  # fmt: skip
         ends = np.array([1e-2, 2e3])
-        axes.fill_between(ends, 1e-1, ends, color="#dcdfe4", linewidth=0.0)
+        axes.fill_between(ends, 1e-1, ends, color="#dcdfe4", linewidth=0.0, zorder=0)
         axes.set(
             xlim=ends, ylim=(0.3, 2e3), xlabel=f"{name} error [m]",
             ylabel="protection level [m]", title=name,
@@ -218,7 +218,7 @@ def main() -> None:
     if arguments.out is None:
         print("\n".join(lines))
         return
-    command = COMMAND.format(arguments.seeds, arguments.figure)
+    command = COMMAND.format(arguments.seeds)
     head = [
         SECTION, "",
         f"Made by `{command}` ({arguments.seeds} simulated drives of {DURATION:.0f} s a row). H is "
