@@ -22,6 +22,10 @@ wheel       0.1965 ± 0.0001 m/s per count (0.1966 is applied), stamps late by
 satellites  positions are in the axes of *reception*: pseudoranges then fit RTK positions to
             1.2 m (median) and to 10 m otherwise. They are turned back to transmission. PRN 1, 2, 3
             and 7 lie above 39 000 km: these are QZSS. Rows of PRN 0 are zeros, padding.
+bias        as a filter with RTK finds it in the first 900 s, the accelerometers' bias moves by
+            11 mm/s² (RMS of the axes) in 20 s, where the preset for consumer IMUs has 2: whatever
+            moves it, GNSS heights between houses or the sensor, the next minute is as uncertain.
+            11 mm/s²/√20 s are those of 5 mg in run, which is the default here.
 range rate  against the RTK velocity, median of the size: 0.020 m/s from 45 dB-Hz, 0.028 from 40,
             0.07 from 35, 0.11 from 30, 0.8 below; RMS 0.25 … 2.7 (reflections).
 
@@ -63,6 +67,12 @@ _SAME_EPOCH = 0.05
 #: 0.06 m/s at 45 dB-Hz, 20 dB a decade, and a floor of 0.04, the defaults for Doppler elsewhere.
 _RANGE_RATE_SIGMA = 0.085
 _QUALITY = {1: "fixed", 2: "float"}
+_IMU = dataclasses.replace(
+    imu_preset("consumer"),
+    name="consumer, wandering",
+    source="consumer; accelerometer bias in run 5 mg, as it moves in the drive's first 900 s",
+    accel_bias_instability_mg=5.0,
+)
 #: Columns of the text files, from 1.
 _RTK: dict[str, tuple[int, ...]] = {
     "time": (1,),
@@ -84,7 +94,7 @@ def read_tumsat(
     path: str | Path,
     *,
     rtk: str = "reference",
-    preset: str = "consumer",
+    preset: str = "",
     imu_lag: float = 0.0,
     wheel_delay: float = WHEEL_DELAY,
     fix_sigma_m: tuple[float, float] = (1.3, 2.6),
@@ -101,7 +111,8 @@ def read_tumsat(
         positions are navigated with. 'fixes': they are navigated with, fixed and float; the
         reference is then not independent, and says so.
     preset : str
-        Noise model of the IMU, which the set does not name.
+        Noise model of the IMU, which the set does not name; '' takes that for consumer IMUs with
+        a bias that moves as it does in this drive, see above.
     imu_lag : float
         How late the IMU's stamps are, beyond UTC [s]; they are moved back by it.
     wheel_delay : float
@@ -142,7 +153,7 @@ def read_tumsat(
         name=folder.resolve().name,
         imu=imu,
         calibration=Calibration(
-            imu=imu_preset(preset),
+            imu=imu_preset(preset) if preset else _IMU,
             lever_antenna_b=np.zeros(3),
             lever_antenna_source="not documented; zero assumed",
             lever_antenna_sigma=lever_sigma_m,
