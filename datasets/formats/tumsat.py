@@ -22,10 +22,8 @@ wheel       0.1965 ± 0.0001 m/s per count (0.1966 is applied), stamps late by
 satellites  positions are in the axes of *reception*: pseudoranges then fit RTK positions to
             1.2 m (median) and to 10 m otherwise. They are turned back to transmission. PRN 1, 2, 3
             and 7 lie above 39 000 km: these are QZSS. Rows of PRN 0 are zeros, padding.
-bias        as a filter with RTK finds it in the first 900 s, the accelerometers' bias moves by
-            11 mm/s² (RMS of the axes) in 20 s, where the preset for consumer IMUs has 2: whatever
-            moves it, GNSS heights between houses or the sensor, the next minute is as uncertain.
-            11 mm/s²/√20 s are those of 5 mg in run, which is the default here.
+bias        of the accelerometers, as a filter finds it with RTK in the first 900 s: moves 11 mm/s²
+            in 20 s (RMS of the axes), in the preset for consumer IMUs by 2: 5 mg in run, not 1.
 range rate  against the RTK velocity, median of the size: 0.020 m/s from 45 dB-Hz, 0.028 from 40,
             0.07 from 35, 0.11 from 30, 0.8 below; RMS 0.25 … 2.7 (reflections).
 
@@ -68,10 +66,7 @@ _SAME_EPOCH = 0.05
 _RANGE_RATE_SIGMA = 0.085
 _QUALITY = {1: "fixed", 2: "float"}
 _IMU = dataclasses.replace(
-    imu_preset("consumer"),
-    name="consumer, wandering",
-    source="consumer; accelerometer bias in run 5 mg, as it moves in the drive's first 900 s",
-    accel_bias_instability_mg=5.0,
+    imu_preset("consumer"), name="consumer, 5 mg in run", accel_bias_instability_mg=5.0
 )
 #: Columns of the text files, from 1.
 _RTK: dict[str, tuple[int, ...]] = {
@@ -111,8 +106,7 @@ def read_tumsat(
         positions are navigated with. 'fixes': they are navigated with, fixed and float; the
         reference is then not independent, and says so.
     preset : str
-        Noise model of the IMU, which the set does not name; '' takes that for consumer IMUs with
-        a bias that moves as it does in this drive, see above.
+        Noise model of the IMU, which the set does not name; '': consumer, with the bias above.
     imu_lag : float
         How late the IMU's stamps are, beyond UTC [s]; they are moved back by it.
     wheel_delay : float
