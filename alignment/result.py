@@ -33,15 +33,13 @@ class Ask(StrEnum):
     UNAMBIGUOUS = "unambiguous"
     #: Do the rows agree with each other and with their weights?
     CONSISTENT = "consistent"
-    #: And in every part of a window in motion, and of every satellite?
-    EVERYWHERE = "everywhere"
     #: Is every rotation near that the data do not exclude?
     BOUNDED = "bounded"
     #: Where rows were rejected: are those that agree enough to tell?
     CONSENSUS = "consensus"
     #: Do other minima lose with sensor biases of their own, too?
     RIVALS = "rivals"
-    #: Where rows were rejected: does no satellite carry the attitude by itself?
+    #: Where rows were rejected, or some contradict: does no satellite carry the attitude by itself?
     SEPARATION = "separation"
     #: Without a position: is the truth proved to be in a smaller ball than was known?
     LOCATED = "located"

@@ -49,7 +49,6 @@ REASONS = {
     "no heading": "heading not known well enough yet",
     "heading ±": "heading not known well enough yet",
     "are needed": "too many rows rejected",
-    "reflections": "a part or a satellite contradicts",
     "χ²/dof": "rows inconsistent",
     "bound": "attitude not bounded",
     "without": "hangs on one satellite",

@@ -28,7 +28,7 @@ from ..levelling import InitialAttitude
 from ..result import AlignmentResult, Ask
 from ..solver.refinement import rotation_angle
 from ..verdict import judge
-from .doubts import consensus, everywhere, in_motion, reject, rivals, separation
+from .doubts import consensus, contradicted, in_motion, reject, rivals, separation
 from .rows import InertialDoppler, inertial_doppler, inertial_rows
 from .track import ImuParts, InertialTrack
 from .unknowns import InertialOptions
@@ -43,7 +43,7 @@ class InertialAlignment:
     ----------
     result : AlignmentResult
         `C_ew` is C_eb at `time`. Where rows were rejected, CONSENSUS is among its verdicts, and
-        where the others passed, EVERYWHERE, RIVALS and then SEPARATION.
+        where the others passed, RIVALS; where rows were rejected or contradict, SEPARATION.
     start, time : float
         Begin and end of the window, GPS time [s].
     epochs : int
@@ -270,8 +270,8 @@ def align_epochs(
         result = result.asked_further(consensus(inliers, options, in_motion(doppler)))
     if result.passed:
         # Slow, and of no use to what waits anyway.
-        further = [everywhere(solved), rivals(stretch.at, solved, result, inliers, options)]
-        if not inliers.all():
+        further = [rivals(stretch.at, solved, result, inliers, options)]
+        if not inliers.all() or contradicted(solved):
             further.append(separation(stretch.at, solved, result, inliers, options))
         result = result.asked_further(*further)
     vel_e, cov = solved.estimate(result)
