@@ -1,6 +1,6 @@
 """Tune on each recording, then run every other one with the settings found and without.
 
-    python scripts/tuned_settings.py [--data DIR] [--duration 300] [--longest 300] [--only urban,Tokyo]
+    python scripts/tuned_settings.py [--data DIR] [--duration 300] [--longest 300] [--only A,B]
 
 The recordings: comma2k19 and Tokyo (CERTNAV_DATA) and four simulated drives in the GREAT layout.
 Where tuning keeps the default there is nothing to run. Differences are of the horizontal RMS, with
