@@ -33,6 +33,8 @@ class Ask(StrEnum):
     UNAMBIGUOUS = "unambiguous"
     #: Do the rows agree with each other and with their weights?
     CONSISTENT = "consistent"
+    #: And in every part of a window in motion, and of every satellite?
+    EVERYWHERE = "everywhere"
     #: Is every rotation near that the data do not exclude?
     BOUNDED = "bounded"
     #: Where rows were rejected: are those that agree enough to tell?

@@ -18,7 +18,7 @@ from ..filters.errors import ConfigError
 from ..filters.rotation import FloatArray
 from .priors import Prior
 from .problem import AlignmentRows, ClockModel
-from .proofs.consensus_proof import ConsensusProof, consensus, prove_consensus, row_weights
+from .proofs.consensus_proof import ConsensusProof, prove_consensus, row_weights
 from .result import AlignmentResult, Ask, Verdict
 from .row_selection import Mask, RowStack, clock_wander, select_rows
 from .verdict import VerdictLimits, align
@@ -27,6 +27,8 @@ from .verdict import VerdictLimits, align
 _PARTS = 8
 #: Radius that excludes nothing [rad].
 _ANYWHERE = 1e-3
+#: Rows of a part from which a drift of its own costs little: of four, chance unites one or two.
+_MANY = 4
 
 
 @dataclass(frozen=True)
@@ -43,12 +45,18 @@ class RobustOptions:
     reserve : float
         Share of its consensus that a rotation must be ahead of all others: the proof asks for
         (1 − reserve) times the consensus. Among the rows rejected alone, none may have
-        (1 − 2·reserve) times as many: another clock drift makes a party of its own.
+        (1 − 2·reserve) times as many, if they are more than a minority.
     radius : float
-        'Others' are those further away than this [rad].
+        'Others' are those further away than this [rad]: another answer, where what is nearer
+        belongs to the basin that the bound is about. A slow vehicle's rows leave four fifths of a
+        consensus to headings 30° away.
     minority, coherence : float
-        If the rows rejected are more than this share of all, no other rotation may explain this
-        share of them: rows that agree with each other are a second opinion, not noise.
+        If the rows rejected are more than this share of all, by weight, no other rotation may
+        explain this share of them: rows that agree with each other are a second opinion, not
+        noise. If 40 % of the rows are right, and a third of those agrees with a wrong rotation by
+        chance, the truth is among the rejected with 0.27 of all.
+    unproved : float
+        The share of rows that may be rejected where nuisances admit no proof.
     max_cells : int
         Where branch and bound gives up.
     """
@@ -56,9 +64,10 @@ class RobustOptions:
     cutoff: float = 3.5
     support: float = 2.0
     reserve: float = 0.2
-    radius: float = float(np.radians(25.0))
-    minority: float = 0.2
+    radius: float = float(np.radians(40.0))
+    minority: float = 0.27
     coherence: float = 0.7
+    unproved: float = 0.2
     max_cells: int = 40_000
 
     def correlated(self, count: float) -> RobustOptions:
@@ -168,7 +177,9 @@ def align_robust(
     proof, opposition = None, None
     if not found.inliers.all():
         if nuisance is None and clock.kind != "linear":
-            proof, opposition = _proofs(rows, clock, result.C_ew, found.inliers, options, priors)
+            _, residuals = stack.fit(found.inliers.astype(float), backend)
+            agreeing = _Found(found.inliers, np.abs(residuals) <= options.support)
+            proof, opposition = _proofs(rows, clock, result.C_ew, agreeing, options, priors)
         verdict = _consensus_verdict(found.inliers, proof, opposition, options)
         result = result.asked_further(verdict)
     return RobustAlignment(result, found.inliers, found.cost, found.method, proof, opposition)
@@ -205,37 +216,85 @@ def robust_residuals(
 
 
 def _proofs(
-    rows: AlignmentRows, clock: ClockModel, C_ew: FloatArray, inliers: Mask,
+    rows: AlignmentRows, clock: ClockModel, C_ew: FloatArray, found: _Found,
     options: RobustOptions, priors: tuple[Prior, ...],
 ) -> tuple[ConsensusProof, ConsensusProof | None]:  # fmt: skip
     """Return the proof of the consensus and, where it matters, that of no opposition."""
-    per_epoch = clock.kind == "per-epoch"
-    weight = row_weights(rows, options.support)
-    if not weight.any():
-        return ConsensusProof(False, 0.0, options.radius, 0, None), None
+    proof = ConsensusProof(False, 0.0, options.radius, 0, None)
+    for shared in _sharings(rows, clock, options):
+        weight = row_weights(rows, options.support, shared.slack)
+        if not weight.any():
+            continue
 
-    def prove(which: Mask, required: float, radius: float) -> ConsensusProof:
-        for part, reach in _parts(rows, options.support):
-            proof = prove_consensus(
-                part.take(which), C_ew, required, cutoff=options.support, radius=radius,
-                per_epoch=per_epoch, slack=clock_wander(rows, clock) + reach[which],
-                max_cells=options.max_cells, weight=weight[which], priors=priors,
-            )  # fmt: skip
-            if not proof.proved:
-                break
-        return proof
+        def prove(
+            which: Mask, required: float, radius: float,
+            shared: _Shared = shared, weight: FloatArray = weight,
+        ) -> ConsensusProof:  # fmt: skip
+            for part, reach in _parts(rows, options.support):
+                proof = prove_consensus(
+                    part.take(which), C_ew, required, cutoff=options.support, radius=radius,
+                    parts=shared.parts[which], slack=shared.slack + reach[which],
+                    max_cells=options.max_cells, weight=weight[which], priors=priors,
+                )  # fmt: skip
+                if not proof.proved:
+                    break
+            return proof
 
-    total, rejected = float(weight.sum()), float(weight[~inliers].sum())
-    count = consensus(rows, C_ew, options.support, per_epoch=per_epoch, weight=weight)
-    proof = prove(np.ones_like(inliers), (1.0 - options.reserve) * count, options.radius)
-    if not proof.proved or rejected <= options.minority * total:
-        return proof, None
-    opposition = prove(~inliers, options.coherence * rejected, options.radius)
-    party = (1.0 - 2.0 * options.reserve) * count
-    if opposition.proved and rejected >= party:
-        # Nearly as many with another clock, whatever the rotation: which side is right?
-        opposition = prove(~inliers, party, _ANYWHERE)
-    return proof, opposition
+        total, rejected = float(weight.sum()), float(weight[~found.inliers].sum())
+        count = float(weight[found.supporting].sum())
+        if not count:
+            continue
+        proof = prove(np.ones_like(found.inliers), (1.0 - options.reserve) * count, options.radius)
+        if not proof.proved and proof.rival is not None:
+            continue  # a rival by the drifts allowed here; the other way allows less
+        if not proof.proved:
+            return proof, None
+        if rejected <= options.minority * total:
+            return proof, None
+        # Some with another rotation, or nearly as many with another clock: which side is right?
+        party = min(options.coherence * rejected, (1.0 - 2.0 * options.reserve) * count)
+        return proof, prove(~found.inliers, party, _ANYWHERE)
+    return proof, None
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Rows believed, and rows near enough to support the rotation with the clock it has."""
+
+    inliers: Mask
+    supporting: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class _Shared:
+    """Which rows are taken to share a clock drift, and how far it may wander among them."""
+
+    parts: NDArray[np.int64]
+    slack: float
+
+
+def _sharings(rows: AlignmentRows, clock: ClockModel, options: RobustOptions) -> list[_Shared]:
+    """Return the ways to eliminate the clock in a proof: any of them bounds every rotation's rows.
+
+    One drift for the whole window gives a rotation all that a walk may add, to every row. Parts
+    so short that the walk adds no more than the noise have a drift of their own each, which costs
+    less where satellites are many. The one more likely to succeed comes first.
+    """
+    if clock.kind == "per-epoch":
+        return [_Shared(rows.epoch, 0.0)]
+    span, wander = float(np.ptp(rows.time)), clock_wander(rows, clock)
+    whole = _Shared(np.zeros(len(rows), dtype=np.int64), wander)
+    noise = options.support * float(np.median(rows.sigma))
+    # The wander grows with the root of time.
+    number = int(np.ceil((wander / noise) ** 2))
+    if number < 2:
+        return [whole]
+    place = np.floor((rows.time - rows.time.min()) * (number / (span * (1.0 + 1e-9))))
+    _, parts = np.unique(place, return_inverse=True)
+    longest = max(float(np.ptp(rows.time[parts == part])) for part in range(parts.max() + 1))
+    short = _Shared(parts, wander * float(np.sqrt(longest / span)))
+    many = len(rows) >= _MANY * (int(parts.max()) + 1)
+    return [short, whole] if many else [whole, short]
 
 
 def _parts(rows: AlignmentRows, support: float) -> list[tuple[AlignmentRows, FloatArray]]:
@@ -264,7 +323,8 @@ def _consensus_verdict(
     share = float(np.mean(inliers))
     away = f"more than {np.degrees(options.radius):.0f}° away"
     near = f"{1.0 - options.reserve:.0%}"
-    passed = share > 1.0 - options.minority if proof is None else proof.proved
+    least = 1.0 - (options.unproved if proof is None else options.minority)
+    passed = share > least if proof is None else proof.proved
     if proof is None:
         reason = "" if passed else ": too few where the nuisances admit no proof"
     elif proof.proved:
@@ -278,4 +338,4 @@ def _consensus_verdict(
         other = f"a rotation {away}" if opposition.radius > _ANYWHERE else "something else"
         reason = f", but too many of those rejected may agree on {other}"
     kept = f"{int(np.sum(inliers))} of {inliers.size} rows agree"
-    return Verdict(Ask.CONSENSUS, passed, share, 1.0 - options.minority, kept + reason)
+    return Verdict(Ask.CONSENSUS, passed, share, least, kept + reason)

@@ -21,6 +21,7 @@
 
     formats/         one module a public recording or file format
     great/           the GREAT dataset: reader, options, import, catalogue, writer
+    solutions/       results of other programs, whatever their format
     own/             a user's own files by declaration, ``sequence.toml``
     simulation/      a car in a city under a sky, with the truth
     receivers/       receivers' own files: messages of raw logs, a file by itself

@@ -162,6 +162,25 @@ def _which_of(inside: list[tuple[str, str]]) -> str:
     return text
 
 
+def _with_precise(sequence: Sequence, products: Any) -> Sequence:
+    """Return a recording with satellite states of precise products."""
+    from .rtklib import precise_observations
+
+    if isinstance(products, str | Path):
+        products = (products,)
+    if not (
+        isinstance(products, list | tuple) and all(isinstance(p, str | Path) for p in products)
+    ):
+        raise ConfigError(f"data.precise: expected names of files, found {products!r}")
+    if sequence.observations is None:
+        raise DataError(
+            f"{sequence.name}: no satellite observations for the precise ephemerides",
+            remedy="leave data.precise out",
+        )
+    observations, note = precise_observations(sequence.observations, products)
+    return dataclasses.replace(sequence, observations=observations, notes=(*sequence.notes, note))
+
+
 def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequence:
     """Return the recording in a folder.
 
@@ -174,7 +193,8 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
         The reader's own; see `GreatOptions`, `read_smartloc`, `read_kfgins`, `read_comma2k19`,
         `read_oakville`, `read_rtklibexplorer`, `read_tumsat`,
         `datasets.formats.instinct.read_spirent`. A declaration takes none: everything is in the
-        file.
+        file. Every reader of satellite observations takes ``precise``: files of precise
+        ephemerides, SP3 orbits and RINEX clocks (`datasets.rtklib.precise`).
 
     Raises
     ------
@@ -188,13 +208,17 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
         raise ConfigError.unknown_key(format, known, where="format")
     name = recognise(path) if format is None else format
     reader = known[name]
+    products = options.pop("precise", ())
     for key in options:
         if key not in reader.options:
-            raise ConfigError.unknown_key(key, reader.options, where=f"options of {name}")
+            taken = (*reader.options, "precise")
+            raise ConfigError.unknown_key(key, taken, where=f"options of {name}")
     sequence = reader.read(path, **options)
     if sequence.fixes is not None:
         sequence = dataclasses.replace(sequence, fixes=screened(sequence.fixes))
     sequence = _with_polled_noise(sequence)
+    if products:
+        sequence = _with_precise(sequence, products)
     how = "as told" if format is not None else f"recognised by {reader.looks_like}"
     return dataclasses.replace(sequence, notes=(f"read as {name}, {how}", *sequence.notes))
 

@@ -169,6 +169,7 @@ def range_rates(
     omega_b: ArrayLike,
     clock: int | None = None,
     clock_drift: float = 0.0,
+    z_by_pos: ArrayLike | None = None,
 ) -> Measurement:
     """Doppler of satellites of one epoch.
 
@@ -191,17 +192,22 @@ def range_rates(
         Index of the clock drift in the error state.
     clock_drift : float
         Its present estimate [m/s].
+    z_by_pos : array_like, shape (n, 3), optional
+        ∂z/∂p at the position that `z` was computed for, the present estimate [1/s]. Default: it
+        is exact.
     """
     e, sigma = np.asarray(e_e, dtype=float), np.asarray(sigma, dtype=float)
     antenna = velocity(state, states, np.zeros(3), np.eye(3), lever_b, omega_b)
     predicted = -antenna.z
     weight = 1.0 / sigma
     residual = weight * (np.asarray(z, dtype=float) - e @ predicted)
+    H = e @ antenna.H
+    if z_by_pos is not None:
+        H[:, POS] -= np.asarray(z_by_pos, dtype=float)
+    H *= weight[:, None]
     if clock is not None:
-        H = (weight[:, None] * e) @ antenna.H
         H[:, clock] = -weight
         return Measurement(residual + weight * clock_drift, H, np.eye(len(sigma)))
     # Complement of the clock's direction: the last columns of a full QR of it.
     free = np.linalg.qr(weight[:, None], mode="complete")[0][:, 1:].T
-    H = free @ (weight[:, None] * e) @ antenna.H
-    return Measurement(free @ residual, H, np.eye(len(sigma) - 1))
+    return Measurement(free @ residual, free @ H, np.eye(len(sigma) - 1))

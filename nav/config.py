@@ -198,11 +198,16 @@ class GnssConfig:
     code_weak_sigma_m : float
         What reflections add to it at 45 dB-Hz; tenfold at 25 dB-Hz, no less above.
     doppler_sigma_mps, doppler_floor_mps : float
-        Range-rate noise: its thermal part at 45 dB-Hz, and what stays however strong the signal
-        (`velocity.range_rate.DopplerNoise`).
+        Range-rate noise as declared: its thermal part at 45 dB-Hz, and what stays however strong
+        the signal (`velocity.range_rate.DopplerNoise`).
+    near_deg : list of two or three numbers
+        Latitude and longitude, and height [m] if it is known, of where a recording without any
+        position begins; Doppler and odometer find it more closely (`alignment.anywhere`).
+    near_radius_km : float
+        How far from there it may be.
     clock_walk_mps : float
-        Random walk of the receiver's clock drift, a state of the filter [m/s/√s]; 0: it is
-        eliminated from every epoch instead. A receiver's quartz stays well below the default.
+        As declared: random walk of the receiver's clock drift, a state of the filter [m/s/√s]; 0:
+        it is eliminated from every epoch instead. A receiver's quartz stays well below the default.
     doppler_hold_off_s : float
         How long a satellite whose Doppler disagreed with the filter is not believed.
     position_noise : {'fitted', 'declared'}
@@ -210,6 +215,10 @@ class GnssConfig:
         found in a run before the run (`nav.engine.fix_noise`), or as declared. What is too short
         for a fit, or has no velocities, is taken as declared; so are live positions, and those
         with resolved ambiguities. A note says which, and why.
+    velocity_noise : {'fitted', 'declared'}
+        How large the errors of Doppler (by C/N0), of the receiver's clock and of velocities a set
+        carries are: as fits the recording (`nav.engine.velocity_noise`), or as declared. What is
+        too short for a fit is taken as declared; so is live data. A note says which.
     position_correlation_s : float
         As declared: correlation time of the errors of single-point positions, which are then a
         state; 0: each position's error is its own. Positions a set carries are taken as such.
@@ -242,9 +251,12 @@ class GnssConfig:
     code_weak_sigma_m: float = 2.5
     doppler_sigma_mps: float = 0.06
     doppler_floor_mps: float = 0.04
+    near_deg: tuple[float, ...] = ()
+    near_radius_km: float = 100.0
     clock_walk_mps: float = 0.1
     doppler_hold_off_s: float = 1.5
     position_noise: str = "fitted"
+    velocity_noise: str = "fitted"
     position_correlation_s: float = 10.0
     delay_sigma_s: float = 0.0
     position_sigma_scale: float = 1.0
@@ -268,8 +280,20 @@ class GnssConfig:
         if self.frequencies not in range(4):
             raise ConfigError(f"gnss.frequencies: expected 0 to 3, found {self.frequencies}")
         _choice("gnss.rtk_direction", self.rtk_direction, ("forward", "backward", "combined"))
+        most = (90.0, 360.0, 9000.0)[: len(self.near_deg)]
+        beyond = any(not abs(v) <= m for v, m in zip(self.near_deg, most, strict=False))
+        if len(self.near_deg) not in (0, 2, 3) or beyond:
+            raise ConfigError(
+                "gnss.near_deg: expected latitude and longitude in degrees, and a height in metres "
+                f"if it is known, found {list(self.near_deg)}"
+            )
+        if not 0.0 < self.near_radius_km <= 5000.0:
+            raise ConfigError(
+                f"gnss.near_radius_km: expected up to 5000 km, found {self.near_radius_km:g}"
+            )
         _choice("gnss.velocity", self.velocity, ("auto", "doppler", "carried", "none"))
-        _choice("gnss.position_noise", self.position_noise, ("fitted", "declared"))
+        for name in ("position_noise", "velocity_noise"):
+            _choice(f"gnss.{name}", getattr(self, name), ("fitted", "declared"))
         _choice("gnss.below_four", self.below_four, ("rows", "ddia", "off"))
         _choice("gnss.forward_motion", self.forward_motion, ("auto", "on", "off"))
         _choice("gnss.ionosphere", self.ionosphere, ("broadcast", "off"))

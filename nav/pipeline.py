@@ -23,6 +23,7 @@ from .engine.fix_noise.fitted import with_fitted_noise
 from .engine.gnss import GnssTimeline, gnss_timeline
 from .engine.legs import Course, Leg, legs, told
 from .engine.prepared import Prepared, course_over
+from .engine.velocity_noise.fitted import with_fitted_velocities
 from .engine.watch.doubts import doubts, outages
 from .notes import Note, clock, plain
 from .signals import Signals, signal_log
@@ -162,7 +163,9 @@ def _run(
         stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
         course = course_over(sequence, stream, timeline, config)
         began = time.perf_counter()
+        course, _, said = with_fitted_velocities(course, report)
         course, errors, notes = with_fitted_noise(course, timeline.misfit, report)
+        notes = (*said, *notes)
     else:
         course, timeline, errors, notes = prepared.course(config, until)
         spent_gnss, began = time.perf_counter() - began, time.perf_counter()

@@ -43,12 +43,15 @@ class AnywhereAlignment:
         within `radius` of where it was said to be near, not for a linearisation alone.
     located : Verdict
         Whether the truth is proved to be in a smaller ball than what was known.
+    start : float
+        Beginning of the track [s].
     pos_e : ndarray, shape (3,)
-        Antenna at the beginning of the track [m].
+        Antenna at that time [m].
     pos_cov_e : ndarray, shape (3, 3)
         Its covariance [m²].
     radius : float
-        The antenna is within this of `pos_e` [m]: proved as far as χ² goes.
+        The antenna is within this of `pos_e` [m]: proved as far as χ² goes where it is located,
+        else what was known.
     late : float
         By how much the stamps were early [s]; 0 where they were taken as exact.
     speed_scale : float
@@ -61,6 +64,7 @@ class AnywhereAlignment:
 
     result: AlignmentResult
     located: Verdict
+    start: float
     pos_e: FloatArray
     pos_cov_e: FloatArray
     radius: float
@@ -106,6 +110,7 @@ def align_anywhere(
     clock: ClockModel | None = None,
     correlated: float = 1.0,
     limits: VerdictLimits | None = None,
+    level_sigma: float | None = None,
     robust: bool = True,
 ) -> AnywhereAlignment:
     """Find attitude and position from Doppler and local velocity, the place being unknown.
@@ -133,6 +138,9 @@ def align_anywhere(
     correlated : float
         How many successive rows of a satellite say what one independent row would.
     limits : VerdictLimits, optional
+    level_sigma : float, optional
+        1σ per axis with which the track's z axis points down [rad]: 0.035 of a car on a road.
+        Default: unknown.
     robust : bool
         Whether rows may be rejected; if more than a tenth are, the result does not pass.
 
@@ -146,7 +154,7 @@ def align_anywhere(
         raise ConfigError(f"align_anywhere: expected correlated ≥ 1, found {correlated!r}")
     known = Known(
         np.asarray(near, dtype=float), radius, height_sigma, time_sigma, speed_scale_sigma,
-        clock or ClockModel("random-walk", 0.1),
+        clock or ClockModel("random-walk", 0.1), level_sigma,
     )  # fmt: skip
     limits, inside = limits or VerdictLimits(), _inside(signals, track)
     window = _Window(signals.take(inside).wider(float(np.sqrt(correlated))), track, known)
@@ -180,7 +188,7 @@ class _Window:
     """Signals with the velocities that go with them."""
 
     def __init__(self, signals: Signals, track: LocalTrack, known: Known) -> None:
-        self.signals, self.known = signals, known
+        self.signals, self.known, self.start = signals, known, float(track.time[0])
         self.vel_w = track.velocity_at(signals.time)
         self.moved_w = track.moved_at(signals.time)
 
@@ -249,7 +257,7 @@ def _judged(
         problem = replace(problem, dof=problem.dof - lost)
     result = judge(problem, limits=limits)
     off = float(np.linalg.norm(place.pos_e - known.near))
-    ball = Ball(known.radius + off, np.inf, np.pi, np.inf)
+    ball = Ball(known.radius + off, known.radius + off, np.pi, np.inf)
     if settled.still and joint.determined:
         ball = contracted(joint, result, known.radius + off, limits.probability)
     bounded = _bounded(ball, limits, settled.still)
@@ -257,11 +265,14 @@ def _judged(
     result = replace(result, verdicts=verdicts, bound=ball.bound)
     if not settled.keep.all():
         result = result.asked_further(_consensus(settled.keep))
+    # What χ² says of a place rests on rows that agree with each other and with their weights.
+    sound = all(v.passed for v in result.verdicts if v.name in (Ask.CONSISTENT, Ask.CONSENSUS))
     unknowns = joint.unknowns(result.C_ew)
     scale = float(unknowns[-1]) if known.speed_scale_sigma else 0.0
+    cov = result.inflation * joint.covariance(result.C_ew)
     return AnywhereAlignment(
-        result, _located(ball), place.pos_e, result.inflation * joint.covariance(result.C_ew),
-        min(ball.radius, known.radius + off), place.late, scale / (1.0 - scale), inliers,
+        result, _located(ball, sound), window.start, place.pos_e, cov,
+        ball.radius if sound else ball.within, place.late, scale / (1.0 - scale), inliers,
         settled.rounds,
     )  # fmt: skip
 
@@ -282,13 +293,16 @@ def _bounded(ball: Ball, limits: VerdictLimits, still: bool) -> Verdict:
     return Verdict(Ask.BOUNDED, passed, ball.bound, limits.bound, text)
 
 
-def _located(ball: Ball) -> Verdict:
+def _located(ball: Ball, sound: bool) -> Verdict:
     near, within = ball.radius / 1e3, ball.within / 1e3
-    if ball.contracts:
+    passed = ball.contracts and sound
+    if passed:
         text = f"within {near:.3g} km of where it was found"
+    elif ball.contracts:
+        text = "not located: the rows do not agree"
     else:
         text = f"not located: nothing smaller than {within:.3g} km is proved"
-    return Verdict(Ask.LOCATED, ball.contracts, ball.radius, ball.within, text)
+    return Verdict(Ask.LOCATED, passed, ball.radius, ball.within, text)
 
 
 def _consensus(keep: NDArray[np.bool_]) -> Verdict:

@@ -100,8 +100,7 @@ def contracted(joint: Joint, result: AlignmentResult, within: float, probability
         if not remainders.holds(radius):
             break
         rest, _ = remainders.of(radius, angle)
-        narrower = attitude_bound(minimum, (np.sqrt(total) + rest) ** 2 - cost)
-        narrower = min(angle, narrower)
+        narrower = min(angle, attitude_bound(minimum, (np.sqrt(total) + rest) ** 2 - cost))
         rest, moved = remainders.of(radius, narrower)
         noise = np.sqrt(max(total - max(0.0, np.sqrt(cost) - rest) ** 2, 0.0))
         smaller = (
@@ -164,6 +163,11 @@ class _Remainders:
     def of(self, radius: float, angle: float) -> tuple[float, float]:
         """Return bounds of the remainders in the cost [σ], and in δp [m]."""
         rows = float(np.linalg.norm(self._row_by_row(radius, angle) / self.sigma))
+        level = self.joint.known.level_sigma
+        if level is not None:
+            # Of the vertical's turn the second order, and what ellipsoid and height make of |p|.
+            turn = radius / float(np.linalg.norm(self.joint.place.pos_e))
+            rows = float(np.hypot(rows, (0.75 * turn**2 + 0.01 * turn) / level))
         chord = _chord(angle)
         cost, place = (
             0.5 * radius**2 * curved + radius * chord * turned

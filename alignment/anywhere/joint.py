@@ -47,6 +47,9 @@ class Known:
     speed_scale_sigma : float
         1σ of the relative error of the speeds; 0: exact.
     clock : ClockModel
+    level_sigma : float, optional
+        1σ per axis with which the local frame's z axis points down [rad]: of a car on a road.
+        None: unknown.
     """
 
     near: FloatArray
@@ -55,6 +58,7 @@ class Known:
     time_sigma: float = 0.0
     speed_scale_sigma: float = 0.02
     clock: ClockModel = field(default_factory=lambda: ClockModel("random-walk", 0.1))
+    level_sigma: float | None = None
 
     def __post_init__(self) -> None:
         near = np.asarray(self.near, dtype=float)
@@ -67,6 +71,7 @@ class Known:
         for name, ok in (
             ("radius", 0.0 < self.radius <= 1e7),
             ("height_sigma", self.height_sigma is None or 0.0 < self.height_sigma < np.inf),
+            ("level_sigma", self.level_sigma is None or 0.0 < self.level_sigma < 1.0),
             ("time_sigma", 0.0 <= self.time_sigma <= 3600.0),
             ("speed_scale_sigma", 0.0 <= self.speed_scale_sigma <= 0.2),
         ):
@@ -151,6 +156,7 @@ class Joint:
         self.stack = np.vstack([measured, self._beforehand(measured.shape[1])])
         parameters, factor, rank = eliminated(self.stack, measured.shape[1] - 10)
         dof = len(signals) - self.clocks - 3 - 3 + (known.height_sigma is not None)
+        dof += 2 * (known.level_sigma is not None)
         parameters[: known.clock.drifts(rows), 9] -= self.level
         self.determined = rank == measured.shape[1] - 10
         self.problem = AlignmentProblem(
@@ -158,14 +164,22 @@ class Joint:
         )
 
     def _beforehand(self, width: int) -> FloatArray:
-        """Return rows of what is known of position, height, time and scale."""
+        """Return rows of what is known of position, height, level, time and scale."""
         known, place, at = self.known, self.place, self.clocks
         out = np.zeros((3, width))
         out[:, at : at + 3] = UNIT / known.radius * np.eye(3)
         out[:, -1] = (place.pos_e - known.near) / known.radius
-        rows = [out]
+        rows, up = [out], -C_en_of(place.pos_e)[:, 2]
+        if known.level_sigma is not None:
+            # C up_w = up(p + δp); the vertical turns by δp/|p| along the ground.
+            level = np.zeros((3, width))
+            along = (np.eye(3) - np.outer(up, up)) / np.linalg.norm(place.pos_e)
+            level[:, at : at + 3] = -UNIT * along
+            level[:, -10:-1] = np.kron([0.0, 0.0, -1.0], np.eye(3))
+            level[:, -1] = -up
+            rows.append(level / known.level_sigma)
         if known.height_sigma is not None:
-            up, height = -C_en_of(place.pos_e)[:, 2], np.zeros((1, width))
+            height = np.zeros((1, width))
             above = float(ecef_to_lla(place.pos_e)[2] - ecef_to_lla(known.near)[2])
             height[0, at : at + 3] = UNIT * up / known.height_sigma
             height[0, -1] = above / known.height_sigma

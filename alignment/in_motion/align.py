@@ -28,7 +28,7 @@ from ..levelling import InitialAttitude
 from ..result import AlignmentResult, Ask
 from ..solver.refinement import rotation_angle
 from ..verdict import judge
-from .doubts import consensus, reject, rivals, separation
+from .doubts import consensus, everywhere, in_motion, reject, rivals, separation
 from .rows import InertialDoppler, inertial_doppler, inertial_rows
 from .track import ImuParts, InertialTrack
 from .unknowns import InertialOptions
@@ -43,7 +43,7 @@ class InertialAlignment:
     ----------
     result : AlignmentResult
         `C_ew` is C_eb at `time`. Where rows were rejected, CONSENSUS is among its verdicts, and
-        where the others passed, RIVALS and then SEPARATION.
+        where the others passed, EVERYWHERE, RIVALS and then SEPARATION.
     start, time : float
         Begin and end of the window, GPS time [s].
     epochs : int
@@ -267,10 +267,10 @@ def align_epochs(
         result = judge(solved.problem, limits=options.limits)
     inliers = solved.inliers
     if not inliers.all():
-        result = result.asked_further(consensus(inliers, options))
+        result = result.asked_further(consensus(inliers, options, in_motion(doppler)))
     if result.passed:
         # Slow, and of no use to what waits anyway.
-        further = [rivals(stretch.at, solved, result, inliers, options)]
+        further = [everywhere(solved), rivals(stretch.at, solved, result, inliers, options)]
         if not inliers.all():
             further.append(separation(stretch.at, solved, result, inliers, options))
         result = result.asked_further(*further)

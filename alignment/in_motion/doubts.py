@@ -10,15 +10,24 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.special import gammaincinv
 
+from ...filters.earth import OMEGA_IE_SKEW
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray
 from ..result import AlignmentResult, Ask, Verdict
 from ..solver.attitude_bound import region_threshold
 from ..solver.refinement import rotation_angle
+from .rows import InertialDoppler
 from .unknowns import InertialOptions
 from .window import Mask, Solved, Window, settle
 
+#: Probability with which each part of a sound window agrees with its weights: one window in fifty
+#: has twenty such parts and one that does not, were σ not on the safe side.
+_EVERYWHERE = 0.999
+#: Spread of z over an epoch's satellites that is motion [m/s], at least so many σ of the noisiest,
+#: and rows in motion from which a share of them means something.
+_MOTION, _STILL, _MOVING_ROWS = 1.0, 4.0, 10
 #: Makes the window at given biases.
 Linearised = Callable[[FloatArray], Window]
 
@@ -46,14 +55,63 @@ def reject(window: Linearised, solved: Solved, options: InertialOptions) -> Solv
     return solved
 
 
-def consensus(inliers: Mask, options: InertialOptions) -> Verdict:
-    """Return whether enough rows are left."""
-    share = float(np.mean(inliers))
+def consensus(inliers: Mask, options: InertialOptions, moves: Mask | None = None) -> Verdict:
+    """Return whether enough rows are left, of all and of those in motion.
+
+    Parameters
+    ----------
+    inliers : ndarray of bool, shape (k,)
+    options : InertialOptions
+    moves : ndarray of bool, shape (k,), optional
+        Rows of a moving vehicle (`in_motion`). At rest nothing contradicts anything: half a
+        minute of it would outvote six seconds in which the one right satellite was rejected.
+    """
+    share, text = float(np.mean(inliers)), f"{int(np.sum(inliers))} of {inliers.size} rows agree"
+    if moves is not None and moves.sum() >= _MOVING_ROWS and np.mean(inliers[moves]) < share:
+        share = float(np.mean(inliers[moves]))
+        text = f"{int(np.sum(inliers[moves]))} of {int(moves.sum())} rows in motion agree"
     passed = share >= 1.0 - options.minority
-    text = f"{int(np.sum(inliers))} of {inliers.size} rows agree"
     if not passed:
         text += f", {100.0 * (1.0 - options.minority):.0f} % are needed"
     return Verdict(Ask.CONSENSUS, passed, share, 1.0 - options.minority, text)
+
+
+def in_motion(doppler: InertialDoppler) -> Mask:
+    """Return which rows belong to epochs at which the satellites see a velocity, shape (k,).
+
+    At rest z is the clock's drift for all of them.
+    """
+    earth = (doppler.pos_e @ OMEGA_IE_SKEW.T)[doppler.epoch]
+    z = doppler.z - np.sum(doppler.e_e * earth, axis=1)
+    first = np.searchsorted(doppler.epoch, np.arange(doppler.time.size))
+    spread = np.maximum.reduceat(z, first) - np.minimum.reduceat(z, first)
+    noise = np.maximum.reduceat(doppler.sigma, first)
+    return np.asarray((spread > np.maximum(_MOTION, _STILL * noise))[doppler.epoch])
+
+
+def everywhere(solved: Solved) -> Verdict:
+    """Return whether the rows agree in every eighth of the window, and of every satellite.
+
+    χ² of all rows says little of a few: forty seconds at rest, where nothing contradicts anything,
+    hide fifteen epochs in which one of three satellites was a reflection.
+    """
+    scores, rows = solved.scores(), solved.window.stretch.rows
+    eighth = np.minimum(8 * rows.epoch // rows.time.size, 7)
+    parts = [(str(sat), rows.sat == sat) for sat in np.unique(rows.sat)]
+    parts += [(f"part {k + 1} of 8", eighth == k) for k in range(8)]
+    worst, said, limit = 0.0, "", np.inf
+    for name, part in parts:
+        judged = scores[part & (scores > 0.0)]
+        if judged.size < 3:
+            continue
+        allowed = float(2.0 * gammaincinv(0.5 * judged.size, _EVERYWHERE)) / judged.size
+        ratio = float(np.mean(judged**2))
+        if ratio / allowed > worst:
+            worst, limit = ratio / allowed, allowed
+            said = f"{name}: χ²/dof {ratio:.2f} at {judged.size}"
+    passed = worst <= 1.0
+    text = said if passed else f"{said} (limit {limit:.2f}): reflections, or σ too small"
+    return Verdict(Ask.EVERYWHERE, passed, worst, 1.0, text)
 
 
 def separation(

@@ -128,12 +128,15 @@ class DopplerEpoch:
         One or more.
     position_sigma : float
         1σ per axis of the position [m].
+    assumed : bool
+        Whether the position is none of the receiver's, which has none.
     """
 
     time: float
     pos_e: FloatArray
     rows: DopplerRows
     position_sigma: float = POSITION_SIGMA
+    assumed: bool = False
 
     def __repr__(self) -> str:
         return f"<DopplerEpoch at {self.time:.2f} s, {len(self.rows)} rows>"

@@ -5,6 +5,7 @@
     proof_file        written to a file, and read from one that may have been written to do harm
     evidence          the rows behind a proof, and the cost that follows from them
     consensus_proof   that no other rotation has as many rows on its side
+    stabbing          its innermost question, compiled
 
 All of it is about matrices and rows as they are, none of it about the signals they came from.
 """

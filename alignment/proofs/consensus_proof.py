@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -69,10 +70,13 @@ class ConsensusProof:
         )
 
 
-def row_weights(rows: AlignmentRows, cutoff: float) -> FloatArray:
-    """Return the share of all directions in which each row would be an outlier, shape (k,)."""
+def row_weights(rows: AlignmentRows, cutoff: float, slack: float = 0.0) -> FloatArray:
+    """Return the share of all directions in which each row would be an outlier, shape (k,).
+
+    `slack` is that of `prove_consensus` [m/s].
+    """
     speed = np.linalg.norm(rows.vel_w, axis=1) * np.linalg.norm(rows.e_e, axis=1)
-    return 1.0 - np.minimum(cutoff * rows.sigma / np.maximum(speed, 1e-300), 1.0)
+    return 1.0 - np.minimum((cutoff * rows.sigma + slack) / np.maximum(speed, 1e-300), 1.0)
 
 
 def consensus(
@@ -96,8 +100,8 @@ def consensus(
     weight : array_like, shape (k,), optional
         What each row counts; default 1.
     """
-    speed, angle = _angles(rows, np.asarray(C_ew, dtype=float)[None])
-    drift = speed * np.cos(angle) - rows.z
+    speed, cosine = _cosines(rows, np.asarray(C_ew, dtype=float)[None])
+    drift = speed * cosine - rows.z
     half, weight = cutoff * rows.sigma, _counted(rows, weight)
     return float(_stabbed(drift - half, drift + half, _groups(rows, per_epoch), weight)[0])
 
@@ -110,6 +114,7 @@ def prove_consensus(
     cutoff: float = 3.5,
     radius: float = np.radians(10.0),
     per_epoch: bool = False,
+    parts: ArrayLike | None = None,
     slack: ArrayLike = 0.0,
     max_cells: int = 40_000,
     weight: ArrayLike | None = None,
@@ -131,8 +136,10 @@ def prove_consensus(
         be arbitrarily small.
     per_epoch : bool
         As for `consensus`.
+    parts : array_like of int, shape (k,), optional
+        Rows with the same number share a drift, in place of the whole window or an epoch.
     slack : array_like, shape () or (k,)
-        How much the drift may wander within the window, and what all rows share move each of
+        How much the drift may wander while it is shared, and what all rows share move each of
         them, either way [m/s]; inliers are then counted too generously, which makes the proof
         harder, not weaker.
     max_cells : int
@@ -147,7 +154,8 @@ def prove_consensus(
             f"consensus proof: expected 0 < required and 0 < radius < 180°, "
             f"found {required:g} and {np.degrees(radius):g}°"
         )
-    C_ew, groups = np.asarray(C_ew, dtype=float), _groups(rows, per_epoch)
+    C_ew = np.asarray(C_ew, dtype=float)
+    groups = _groups(rows, per_epoch) if parts is None else Groups.alike(parts)
     # The clock's size costs digits in the sums below, and any constant is as good.
     z, half = rows.z - np.median(rows.z), cutoff * rows.sigma + np.asarray(slack) + 1e-7
     weight, priors = _counted(rows, weight), tuple(priors)
@@ -170,16 +178,17 @@ def prove_consensus(
         centres, C, away = centres[open_], C[open_], away[open_]
         if not len(centres):
             continue
-        speed, angle = _angles(rows, C)
-        low = speed * np.cos(np.minimum(angle + reach, np.pi)) - z - half
-        high = speed * np.cos(np.maximum(angle - reach, 0.0)) - z + half
+        speed, cosine = _cosines(rows, C)
+        least_cosine, most_cosine = _turned_by(cosine, reach)
+        low = speed * least_cosine - z - half
+        high = speed * most_cosine - z + half
         alive = _stabbed(low, high, groups, weight) >= least
         if not alive.any():
             continue
-        centres, C, away, angle = centres[alive], C[alive], away[alive], angle[alive]
+        centres, C, away, cosine = centres[alive], C[alive], away[alive], cosine[alive]
         outside = (away > radius) & _allowed(priors, C, 0.0)
         if width < 0.5 and outside.any():
-            drift = speed * np.cos(angle[outside]) - z
+            drift = speed * cosine[outside] - z
             found = _stabbed(drift - half, drift + half, groups, weight)
             if found.max() >= least:
                 rival = C[outside][int(np.argmax(found))]
@@ -188,12 +197,22 @@ def prove_consensus(
     return ConsensusProof(True, required, radius, cells, None)
 
 
-def _angles(rows: AlignmentRows, C: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return |v||e| of the rows and the angles between C v and e, shapes (k,) and (n, k)."""
+def _cosines(rows: AlignmentRows, C: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return |v||e| of the rows and the cosines between C v and e, shapes (k,) and (n, k)."""
     size = np.linalg.norm(rows.vel_w, axis=1) * np.linalg.norm(rows.e_e, axis=1)
     pairs = (rows.vel_w[:, :, None] * rows.e_e[:, None, :]).reshape(-1, 9)
     cosine = np.swapaxes(C, 1, 2).reshape(-1, 9) @ pairs.T / np.maximum(size, 1e-300)
-    return size, np.arccos(np.clip(cosine, -1.0, 1.0))
+    return size, np.clip(cosine, -1.0, 1.0)
+
+
+def _turned_by(cosine: FloatArray, reach: float) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the greatest cosine of angles no further than `reach` away."""
+    if reach >= np.pi:
+        return np.full_like(cosine, -1.0), np.ones_like(cosine)
+    c, s = np.cos(reach), np.sin(reach)
+    across = np.sqrt(1.0 - cosine * cosine) * s
+    least = np.where(cosine < -c, -1.0, cosine * c - across)
+    return least, np.where(cosine > c, 1.0, cosine * c + across)
 
 
 def _allowed(priors: Iterable[Prior], C: FloatArray, reach: float) -> NDArray[np.bool_]:
@@ -212,30 +231,28 @@ def _counted(rows: AlignmentRows, weight: ArrayLike | None) -> FloatArray:
     return np.ones(len(rows)) if weight is None else np.asarray(weight, dtype=float)
 
 
-def _groups(rows: AlignmentRows, per_epoch: bool) -> list[NDArray[np.int64]]:
-    """Return the indices of the rows that share a clock drift."""
-    if not per_epoch:
-        return [np.arange(len(rows))]
-    return [np.flatnonzero(rows.epoch == epoch) for epoch in np.unique(rows.epoch)]
+class Groups(NamedTuple):
+    """Rows that share a clock drift: `member[first[g] : first[g + 1]]` are those of group g."""
+
+    member: NDArray[np.int64]
+    first: NDArray[np.int64]
+
+    @classmethod
+    def alike(cls, labels: ArrayLike) -> Groups:
+        """Return the groups of equal labels."""
+        labels = np.asarray(labels)
+        _, count = np.unique(labels, return_counts=True)
+        return cls(np.argsort(labels, kind="stable"), np.append(0, np.cumsum(count)))
 
 
-def _stabbed(
-    low: FloatArray, high: FloatArray, groups: list[NDArray[np.int64]], weight: FloatArray
-) -> FloatArray:
+def _groups(rows: AlignmentRows, per_epoch: bool) -> Groups:
+    return Groups.alike(rows.epoch if per_epoch else np.zeros(len(rows), dtype=np.int64))
+
+
+def _stabbed(low: FloatArray, high: FloatArray, groups: Groups, weight: FloatArray) -> FloatArray:
     """Return the weight of the intervals that one point per group can hit at most, shape (n,)."""
+    from .stabbing import stabbed  # numba is slow to import: left until it is used
+
     total = np.zeros(len(low))
-    for group in groups:
-        (starts, begun), (ends, over) = (_sorted(x[:, group], weight[group]) for x in (low, high))
-        # All rows in one search: each lifted above the one before.
-        lift = (np.arange(len(low)) * (ends.max() - starts.min() + 1.0))[:, None]
-        ended = np.searchsorted((ends + lift).ravel(), (starts + lift).ravel())
-        ended = ended.reshape(starts.shape) - len(group) * np.arange(len(low))[:, None]
-        over = np.hstack([np.zeros((len(low), 1)), over])
-        total += (begun - np.take_along_axis(over, ended, axis=1)).max(axis=1)
+    stabbed(low, high, groups.member, groups.first, weight, total)
     return total
-
-
-def _sorted(values: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return each row in ascending order, and the weight up to and with every entry."""
-    order = np.argsort(values, axis=1)
-    return np.take_along_axis(values, order, axis=1), np.cumsum(weight[order], axis=1)

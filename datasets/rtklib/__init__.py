@@ -12,6 +12,7 @@ from .kept import read_observations
 from .logs.given_files import GivenFiles, given_files
 from .logs.raw_logs import RawLog, is_raw_log, raw_log
 from .positioning import SinglePoint, single_point
+from .precise import precise_observations
 from .rtk import RelativePositions, relative_positions
 from .satellites import SatelliteStates, satellite_states
 
@@ -24,6 +25,7 @@ __all__ = [
     "given_files",
     "ionosphere_delay",
     "is_raw_log",
+    "precise_observations",
     "raw_log",
     "read_observations",
     "relative_positions",

@@ -177,11 +177,14 @@ def broadcast_states(
     whole: FloatArray,
     fraction: FloatArray,
     by_satellite_clock: bool = False,
+    precise: bool = False,
 ) -> SatelliteStates:
     """Return states at gtime `whole + fraction` (split, so that no digit is lost).
 
-    `by_satellite_clock`: the times are the satellites' own, the states are of t − δt^s.
+    `by_satellite_clock`: the times are the satellites' own, the states are of t − δt^s. `precise`:
+    of the precise ephemerides in `nav`, which say nothing of health.
     """
+    source = rtk.EPHOPT_PREC if precise else rtk.EPHOPT_BRDC
     n = number.size
     samples = np.full((n, 3, 4), np.nan)
     healthy = np.zeros(n, dtype=bool)

@@ -57,18 +57,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--proof", type=Path, metavar="FILE", help="write proofs in exact numbers (certnav verify)"
     )
+    parser.add_argument(
+        "--unchecked", action="store_true", help="align even if the data contradict physics"
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw headings and errors (PNG)")
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Align every window of a recording and report."""
-    from ...datasets.loading import load
     from ...filters.errors import ConfigError
+    from ..config import Config
     from ..results.summary import strict
     from ..windows.options import WindowOptions
     from ..windows.recording import align_recording
     from ..windows.report import as_dict, draw, table, write_proofs
+    from .navigation import checked_load
 
     options = WindowOptions(
         window=arguments.window,
@@ -90,7 +94,7 @@ def run(arguments: argparse.Namespace) -> None:
         raise ConfigError(
             f"--proof: method '{options.method}' proves nothing that could be written"
         )
-    sequence = load(arguments.path)
+    sequence = checked_load(arguments.path, Config(), checked=not arguments.unchecked)
     results, noise = align_recording(sequence, options)
     if arguments.proof is not None:
         write_proofs(sequence.name, results, arguments.proof, options)

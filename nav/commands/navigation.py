@@ -16,6 +16,8 @@ from ...datasets.physics import Refusal, collected_refusals
 from ...datasets.placing import write_file
 from ...datasets.sequence import Sequence
 from ...filters.errors import DataError
+from ..check.findings import Finding
+from ..check.mounting import with_coarse_mounting
 from ..check.recording import check_sequence
 from ..config import Config
 from ..evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
@@ -65,7 +67,10 @@ def navigate_folder(
         passed_over = waived(refused, config, checked)
         out = Path("results") / sequence.name if out is None else out
         check_replaceable(out)
-        found = (*passed_over, *_checked(sequence, config, checked))
+        doubted = _checked(sequence, config, checked)
+        found = (*passed_over, *(Note("doubtful", f"{f.subject}: {f.found}") for f in doubted))
+        sequence, measured = with_coarse_mounting(sequence, doubted)
+        found = (*found, *measured)
         read = time.perf_counter() - began
         _log.info("%s: read and checked in %.2f s", path, read)
         solution = navigate(sequence, config, report)
@@ -114,6 +119,21 @@ def _drawing(page: bool, figures: str | None) -> Callable[[Path], None] | None:
     return draw
 
 
+def checked_load(path: Path, config: Config, checked: bool) -> Sequence:
+    """Return a recording; what a reader refuses by physics is a note of it if it is not checked.
+
+    Raises
+    ------
+    DataError
+        What the reader refuses.
+    """
+    with collected_refusals() as refused:
+        sequence = load(path, **config.data)
+    said = waived(refused, config, checked)
+    notes = (*sequence.notes, *(str(note) for note in said))
+    return dataclasses.replace(sequence, notes=notes)
+
+
 def cache_folder(out: Path | None) -> Path:
     """Return where readers keep what is slow to read: beside the result."""
     return (Path("results/result") if out is None else out).parent / ".certnav-cache"
@@ -160,7 +180,7 @@ def _way_out(remedy: str) -> str:
     return f"{remedy}; to navigate it all the same: --unchecked".removeprefix("; ")
 
 
-def _checked(sequence: Sequence, config: Config, checked: bool) -> tuple[Note, ...]:
+def _checked(sequence: Sequence, config: Config, checked: bool) -> list[Finding]:
     """Return what is doubtful; refuse what is fatal, unless it is not to be checked."""
     findings = check_sequence(sequence, config.gnss, config.vehicle.kind) if checked else []
     for finding in findings:
@@ -169,9 +189,7 @@ def _checked(sequence: Sequence, config: Config, checked: bool) -> tuple[Note, .
                 f"{sequence.name}: {finding.subject}: {finding.found}",
                 remedy=_way_out(finding.remedy),
             )
-    return tuple(
-        Note("doubtful", f"{f.subject}: {f.found}") for f in findings if f.severity == "doubtful"
-    )
+    return [finding for finding in findings if finding.severity == "doubtful"]
 
 
 def cut(sequence: Sequence, start: float | None, end: float | None) -> Sequence:

@@ -7,6 +7,7 @@
     comparison     compare: every method over every variant of every drive
     runs           one run reduced to its figures, and all of them together
     intervals      how far these would differ with other spells
+    others         results of other programs, judged likewise
     directories    result directories made elsewhere, merged into a comparison
     report         the page: its verdict, and what each step bought
     sections       its tables

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from ...datasets.sequence import Sequence
-from ...filters.errors import NavError
+from ...filters.errors import DataError, NavError
 from ..config import Config
 from ..engine.prepared import Found, Key, Prepared
 from ..evaluation.accuracy import evaluate
@@ -35,6 +35,7 @@ from ..spells.outages import Outages, Spell, in_spells
 from ..sweep import in_parallel
 from .directories import write_sidecar
 from .methods import Method, solve
+from .others import Judge, Other, judged, notes_of
 from .runs import Comparison, Run, reduced, thin_track
 
 #: After alignment, before the first periodic spell [s]: a filter needs to settle.
@@ -66,6 +67,8 @@ def compare(
     outages: Outages,
     config: Config,
     *,
+    others: Listing[Other] = (),
+    settle: float = 0.0,
     seeds: int = 1,
     out: Path | None = None,
     draw: Callable[[Path], object] | None = None,
@@ -83,6 +86,10 @@ def compare(
     outages : Outages
     config : Config
         What all methods share.
+    others : list of Other
+        Results of other programs: judged where they cover a drive, spells or not.
+    settle : float
+        These are judged from so long after their beginning on [s].
     seeds : int
         Draws of satellites; without effect where nothing is drawn.
     out : Path, optional
@@ -108,6 +115,7 @@ def compare(
     draws = range(seeds if outages.is_random else 1)
     several = len(sequences) * len(outages.shifts) > 1
     notes, reference = [], {}
+    judges: list[Judge] = []
     calls: list[tuple[_Variant, tuple[Method, ...], Sequence]] = []
     if seeds > 1 and not outages.is_random:
         notes.append(f"{outages.text} draws nothing: one run instead of {seeds} seeds")
@@ -117,10 +125,11 @@ def compare(
         assert drive.sequence.reference is not None
         notes += [f"{sequence.name}: {note}" for note in drive.notes]
         reference[sequence.name] = thin_track(drive.sequence.reference.pos_e)
+        judges.append(Judge.of(drive.sequence))
         first, last = sequence.span
-        settle = 0.0 if np.isfinite(outages.start) else SETTLE
+        quiet = 0.0 if np.isfinite(outages.start) else SETTLE
         for shift in outages.shifts:
-            spells = outages.spells(first, last, drive.alignment.time + settle, shift)
+            spells = outages.spells(first, last, drive.alignment.time + quiet, shift)
             place = f"{sequence.name}@{shift:g}" if several else ""
             for seed in draws:
                 variant = _Variant(
@@ -141,7 +150,24 @@ def compare(
         say((k + 1) / total, what)
     _LAST.clear()
     runs.sort(key=lambda run: order[run.method])
-    return Comparison(tuple(runs), reference, outages.text, tuple(dict.fromkeys(notes)))
+    for other in others:
+        runs += _wherever(other, judges, settle)
+    notes += notes_of(others, settle)
+    definitions = {other.name: other.sentence for other in others}
+    return Comparison(
+        tuple(runs), reference, outages.text, tuple(dict.fromkeys(notes)), definitions
+    )  # fmt: skip
+
+
+def _wherever(other: Other, judges: Listing[Judge], settle: float) -> list[Run]:
+    """Return the figures of a result on every drive that it covers; why not where on none."""
+    runs = []
+    for judge in judges:
+        try:
+            runs.append(judged(other, judge, settle))
+        except DataError as error:
+            runs.append(Run(other.name, judge.name, "", reason=str(error)))
+    return [run for run in runs if not run.reason] or runs
 
 
 def _passes(methods: Listing[Method]) -> Iterator[tuple[Method, ...]]:
@@ -154,7 +180,8 @@ def _passes(methods: Listing[Method]) -> Iterator[tuple[Method, ...]]:
 
 def _untouched(starts: dict[Key, Found], spells: Listing[Spell]) -> dict[Key, Found]:
     """Return the starts that are known before the first spell begins."""
-    return {key: found for key, found in starts.items() if found[0].known < spells[0].start}
+    first = spells[0].start if spells else np.inf
+    return {key: found for key, found in starts.items() if found[0].known < first}
 
 
 def _named(sequences: list[Sequence]) -> list[Sequence]:

@@ -47,8 +47,8 @@ _SENTENCES = {
     "ddia": "Loose coupling; from two or three satellites the velocity of DDIA-VE.",
     "rows": "Loose coupling; from two or three satellites each difference of their Doppler as a "
     "measurement.",
-    "windows": "Heading of sliding windows, each aligned for itself from Doppler and local "
-    "velocity; no position.",
+    "windows": "Heading of sliding windows, each aligned for itself from Doppler and odometer, or "
+    "from Doppler and IMU where there is none; no position.",
 }
 #: Kinds that have no GNSS once there is a start.
 ALONE = ("inertial", "certified")

@@ -165,7 +165,8 @@ def updates(figures: Figures) -> str:
 
 def headings(figures: Figures) -> str:
     """Return the headings of sliding-window alignment."""
-    head = ["method", "windows", "passed", "heading MAE", "largest", "begin in spells",
+    head = ["method", "windows", "passed", "of these heading MAE", "largest", "all: heading MAE",
+            "largest", "begin in spells",
             "of these solved", "heading MAE in spells"]  # fmt: skip
 
     def row(name: str, f: dict[str, Any]) -> Row | None:
@@ -173,7 +174,8 @@ def headings(figures: Figures) -> str:
         if not w:
             return None
         return (
-            name, f"{w['windows']:g}", f"{w['passed']:g}", quantity(w["mae_deg"], "°"),
+            name, f"{w['windows']:g}", f"{w['passed']:g}", quantity(w["mae_passed_deg"], "°"),
+            quantity(w["largest_passed_deg"], "°"), quantity(w["mae_deg"], "°"),
             quantity(w["max_deg"], "°"), f"{w['windows_in_spells']:g}",
             f"{w['solved_in_spells']:g}", quantity(w["mae_in_spells_deg"], "°"),
         )  # fmt: skip

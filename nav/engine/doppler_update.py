@@ -9,6 +9,7 @@ screened by C/N0 and |SDV·RMD|.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -117,6 +118,7 @@ class DopplerUpdates:
         """Enlarge the covariance: of the velocity alone, if that is likely to be all."""
         self._screening.forget()
         usable = rows.take(np.isin(rows.sat, event.satellites))
+        usable = replace(usable, z_by_pos=None)  # it is the velocity that they speak of
         m = rows_measurement(self.kalman, self.calibration, usable)
         if checked and event.time - self._doubted >= _AGAIN:
             self.kalman.doubt(m)
@@ -150,7 +152,7 @@ def rows_measurement(
     return measurements.range_rates(
         kalman.state, kalman.model.size, rows.e_e, rows.z, rows.sigma,
         kalman.antenna_point(calibration.lever_antenna_b), kalman.omega_b, kalman.model.clock,
-        kalman.gnss.clock_drift,
+        kalman.gnss.clock_drift, rows.z_by_pos,
     )  # fmt: skip
 
 

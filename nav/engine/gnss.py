@@ -21,7 +21,6 @@ from ...datasets.observations import GnssFixes, GnssObservations
 from ...datasets.sequence import Sequence
 from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import ConfigError
-from ...filters.rotation import FloatArray
 from ...velocity.least_squares import REJECTED
 from ..config import GnssConfig
 from ..notes import Note, plain
@@ -30,6 +29,7 @@ from ..solution import Epochs, Resolution
 from .constellations import weighed_constellations
 from .events import GnssEvent, doppler_noise, inflated, missing
 from .relative import with_relative_positions
+from .whereabouts import Whereabouts, without_fixes
 
 if TYPE_CHECKING:
     from ...datasets.rtklib import SinglePoint
@@ -51,8 +51,6 @@ class GnssTimeline:
     resolution: Resolution | None = None
 
 
-#: As far as a vehicle gets between a position and an instant without one [m/s].
-_FASTEST = 40.0
 #: Fewer rows of a satellite than this say nothing about it.
 _MANY = 30
 #: Reason given to rows of satellites that are wrong all the time.
@@ -102,18 +100,17 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
     elif sequence.fixes is not None:
         fixes = sequence.fixes
         at = fixes.take(fixes.usable)
-        where = _Whereabouts(at.time, at.pos_e, np.zeros(len(at)), _sigma(at))
+        where = Whereabouts.of(at)
         if position == "carried":
             events = _carried(fixes, "position", config)
+    if velocity == "doppler" and (where is None or not where.time.size):
+        where, text = without_fixes(sequence, observations, config)
+        notes += (Note("note", text),)
     if where is not None and where.time.size:
         observations = _masked(observations, where, config)
     epochs = _count(observations)
     if velocity == "doppler":
-        if where is None or not where.time.size:
-            raise ConfigError(
-                "gnss.velocity: Doppler needs an approximate position, and there is none — "
-                "add navigation files for single-point positions"
-            )
+        assert where is not None
         # Whose orbit is wrong all the time has no line of sight and no velocity to speak of.
         observations = observations.mark(wrong, _WRONG)
         observations, said = weighed_constellations(
@@ -144,36 +141,6 @@ def _of_systems(observations: GnssObservations, systems: str) -> GnssObservation
 
 def _in_order(events: list[GnssEvent]) -> tuple[GnssEvent, ...]:
     return tuple(sorted(events, key=lambda event: (event.time, event.kind)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Whereabouts:
-    """Where the antenna roughly was, and how far off the receiver's clock."""
-
-    time: FloatArray  # by the receiver's clock [s]
-    pos_e: FloatArray
-    clock: FloatArray  # [s], receiver − GPS time
-    sigma: FloatArray  # 1σ per axis [m]
-
-    def at(self, time: FloatArray) -> FloatArray:
-        """Return positions interpolated to `time`, held beyond the ends, shape (n, 3)."""
-        return np.column_stack([np.interp(time, self.time, column) for column in self.pos_e.T])
-
-    def sigma_at(self, time: FloatArray) -> FloatArray:
-        """Return 1σ per axis at `time` [m]: far from any position the vehicle may be elsewhere."""
-        after = np.clip(np.searchsorted(self.time, time), 1, max(self.time.size - 1, 1))
-        ends = np.stack([self.time[after - 1], self.time[np.minimum(after, self.time.size - 1)]])
-        gap = np.abs(ends - time).min(axis=0)
-        return np.hypot(np.interp(time, self.time, self.sigma), _FASTEST * gap)
-
-    def true_time(self, time: float) -> float:
-        """Return the GPS time of an epoch that the receiver labels `time`."""
-        return time - float(np.interp(time, self.time, self.clock))
-
-
-def _sigma(fixes: GnssFixes) -> FloatArray:
-    """Return 1σ per axis of positions [m]."""
-    return np.asarray(np.sqrt(np.trace(fixes.pos_cov_e, axis1=1, axis2=2) / 3.0))
 
 
 def sources(sequence: Sequence, config: GnssConfig) -> tuple[str, str]:
@@ -232,7 +199,7 @@ def _carried(fixes: GnssFixes, kind: str, config: GnssConfig) -> list[GnssEvent]
 def _single_point(
     observations: GnssObservations, sequence: Sequence, config: GnssConfig
 ) -> tuple[
-    list[GnssEvent], _Whereabouts, NDArray[np.bool_], NDArray[np.bool_], tuple[Note, ...], float
+    list[GnssEvent], Whereabouts, NDArray[np.bool_], NDArray[np.bool_], tuple[Note, ...], float
 ]:
     """Return single-point positions as events and as whereabouts, notes, and their misfit.
 
@@ -251,9 +218,7 @@ def _single_point(
         code_sigma=config.code_sigma_m,
         weak_sigma=config.code_weak_sigma_m,
     )
-    where = _Whereabouts(
-        spp.fixes.time, spp.fixes.pos_e, spp.clock / SPEED_OF_LIGHT, _sigma(spp.fixes)
-    )
+    where = Whereabouts.of(spp.fixes, spp.clock / SPEED_OF_LIGHT)
     scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
     lasting = [None] * len(where.time) if spp.lasting_cov_e is None else spp.lasting_cov_e
     events = [
@@ -331,7 +296,7 @@ def _satellites(
 
 
 def _masked(
-    observations: GnssObservations, where: _Whereabouts, config: GnssConfig
+    observations: GnssObservations, where: Whereabouts, config: GnssConfig
 ) -> GnssObservations:
     """Return the observations with elevations filled in and low satellites marked."""
     from ...velocity.range_rate import with_elevation
@@ -342,7 +307,7 @@ def _masked(
 
 
 def _doppler(
-    observations: GnssObservations, where: _Whereabouts, config: GnssConfig
+    observations: GnssObservations, where: Whereabouts, config: GnssConfig
 ) -> tuple[list[GnssEvent], GnssObservations, NDArray[np.bool_]]:
     """Return for every epoch a least-squares velocity, else its rows, else the reason.
 
@@ -366,7 +331,7 @@ def _doppler(
         offer = None
         if len(kept):
             here_e, known = where.at(np.array([time]))[0], where.sigma_at(np.array([time]))
-            offer = DopplerEpoch(at, here_e, kept, float(known[0]))
+            offer = DopplerEpoch(at, here_e, kept, float(known[0]), where.assumed)
         if found.ok:
             # Four satellites fit any velocity; one reflected among them is not rare.
             cov = inflated(found.cov_e, scale, floor if found.dof else np.hypot(floor, _UNCHECKED))

@@ -1,4 +1,4 @@
-"""One recording as every run over it has it: GNSS, the start, and how good its positions are.
+"""One recording as every run over it has it: GNSS, the start, the noise of what GNSS offers.
 
 What a run does with them depends on its method; they do not. Whoever runs several methods over one
 recording has them computed once, and what then differs is the method alone.
@@ -23,18 +23,21 @@ from .legs import Course, found_start
 from .model import error_model
 from .start.state import Start
 from .vehicle import VehicleConstraints
+from .velocity_noise.fitted import VelocityErrors, with_fitted_velocities, with_velocities
 
 #: A start, and how long it took to find [s].
 Found = tuple[Start, float]
 #: What of a configuration a plain run depends on.
 Key = tuple[AlignmentConfig, FilterConfig, GnssConfig, VehicleConfig]
+#: Noise of velocities and of positions, and what to say of it.
+Fitted = tuple[VelocityErrors | None, FixErrors | None, tuple[Note, ...]]
 
 
 class Prepared:
     """What the runs over one recording have in common, each part computed when first asked for.
 
-    The noise of positions is fitted with a plain run: without vehicle constraints, and with nothing
-    from fewer than four satellites.
+    The noise of positions and velocities is fitted with a plain run: without vehicle constraints,
+    and with nothing from fewer than four satellites.
 
     Parameters
     ----------
@@ -54,7 +57,7 @@ class Prepared:
         imu = sequence.inertial
         self._stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
         self._timelines: dict[GnssConfig, GnssTimeline] = {}
-        self._noise: dict[Key, tuple[FixErrors | None, tuple[Note, ...]]] = {}
+        self._noise: dict[Key, Fitted] = {}
         self._failed: dict[Key, str] = {}
 
     def timeline(self, config: Config) -> GnssTimeline:
@@ -103,22 +106,26 @@ class Prepared:
         course = course_over(self.sequence, self._stream, timeline, config)
         course = dataclasses.replace(course, start=start)
         if until is not None:
+            course, _, said = with_fitted_velocities(course, _silent)
             course, errors, notes = with_fitted_noise(course, timeline.misfit, _silent)
-            return course, timeline, errors, notes
-        errors, notes = self._errors(config)
+            return course, timeline, errors, (*said, *notes)
+        velocities, errors, notes = self._errors(config)
+        if velocities is not None:
+            course = with_velocities(course, velocities)
         if errors is not None:
             course = with_noise(course, errors)
         return course, timeline, errors, notes
 
-    def _errors(self, config: Config) -> tuple[FixErrors | None, tuple[Note, ...]]:
+    def _errors(self, config: Config) -> Fitted:
         plain = plain_run(config)
         key = _key(plain)
         if key not in self._noise:
             timeline = self.timeline(plain)
             course = course_over(self.sequence, self._stream, timeline, plain)
             course = dataclasses.replace(course, start=self.start(plain))
+            course, velocities, said = with_fitted_velocities(course, _silent)
             _, errors, notes = with_fitted_noise(course, timeline.misfit, _silent)
-            self._noise[key] = errors, notes
+            self._noise[key] = velocities, errors, (*said, *notes)
         return self._noise[key]
 
 

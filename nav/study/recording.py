@@ -155,7 +155,7 @@ def with_options(
         If no reader knows one of them.
     """
     known = [
-        () if isinstance(s, Sequence) or not data else formats()[recognise(s)].options
+        () if isinstance(s, Sequence) or not data else (*formats()[recognise(s)].options, "precise")
         for s in sources
     ]
     for key in data:
@@ -182,8 +182,12 @@ def studied(source: Source, options: StudyOptions, data: dict[str, Any]) -> Stud
         figures = describe(pair_table(samples))
         notes += [f"{sequence.name}: {n} epochs left out: {w}" for w, n in samples.left_out.items()]
         if not figures["pairs"]:
+            without = figures["unknown_cn0"]
+            why = f"no two satellites of '{options.systems}' at once"
+            if without:
+                why = f"none of {without} pairs has a C/N0"
             figures = {}
-            notes.append(f"{sequence.name}: no two satellites of '{options.systems}' at once")
+            notes.append(f"{sequence.name}: {why}")
         elif figures["unknown_cn0"]:
             notes.append(f"{sequence.name}: {figures['unknown_cn0']} pairs without C/N0 left out")
     except DataError as error:

@@ -3,8 +3,9 @@
 Robust alignments over the whole recording leave residuals of every row, rejected ones too; their
 spread by C/N0 and elevation is the receiver's noise, and their correlation from epoch to epoch
 says how many of them count as one. How the clock's drift wanders is read off the growth of its
-differences with time. What goes in is Doppler, odometer, yaw rate (or gyros) and positions good
-to a kilometre: the attitude is the alignment's own. The reference is not asked.
+differences with time. Rows at rest do not count where there are others. What goes in is Doppler,
+odometer, yaw rate (or gyros) and positions good to a kilometre: the attitude is the alignment's
+own. The reference is not asked.
 """
 
 from __future__ import annotations
@@ -26,8 +27,14 @@ from ...velocity.range_rate import DopplerNoise
 _ROUNDS = 2
 #: Residuals further out than this many σ are outliers, not noise with a correlation.
 _CUTOFF = 3.5
-#: Clock walk of an oscillator nothing is known of, and the least that is believed [m/s/√s].
-_UNKNOWN_WALK, _STEADIEST = 0.1, 0.02
+#: Rows of a vehicle slower than this [m/s] say nothing about the noise of alignment, if there are
+#: so many others: at rest reflections stand still, and the local velocity is exact.
+_MOVING, _MANY = 1.0, 300
+#: The share of windows for which σ is to be enough, of those with so many rows.
+_SHARE, _FEW = 0.9, 30
+#: Clock walk of an oscillator nothing is known of, the least that is believed, and the most: what
+#: wanders by more is no clock, and leaves nothing between satellites to align with [m/s/√s].
+_UNKNOWN_WALK, _STEADIEST, _WILDEST = 0.1, 0.02, 1.0
 
 
 @dataclass(frozen=True)
@@ -79,7 +86,7 @@ def fit_window_noise(
     windows = list(windows)
     noise = WindowNoise()
     for _ in range(_ROUNDS):
-        cn0, up, left, time, sat, drifts = [], [], [], [], [], []
+        cn0, up, left, moving, time, sat, drifts = [], [], [], [], [], [], []
         for number, (rows, observations) in enumerate(windows):
             sigma = noise.doppler.sigma(observations.cn0, observations.elevation)
             rows = replace(rows, sigma=sigma)
@@ -90,16 +97,21 @@ def fit_window_noise(
             cn0.append(observations.cn0)
             up.append(observations.elevation)
             left.append(residual)
+            moving.append(np.linalg.norm(rows.vel_w, axis=1) > _MOVING)
             time.append(observations.time)
             drifts.append(_drift(rows, C_ew))
             sat.append(np.char.add(observations.sat, f"/{number}"))
         if not left:
             raise AlignmentError("no window shows how noisy the Doppler is — use --noise assumed")
         level, elevation, residual = map(np.concatenate, (cn0, up, left))
+        drives = np.concatenate(moving)
+        if drives.sum() >= _MANY:
+            residual = np.where(drives, residual, np.nan)
         doppler = fit_doppler_noise(level, residual).noise
         low = fit_low_elevation(elevation, residual / doppler.sigma(level))
         doppler = replace(doppler, low=low)
-        doppler, normal = _scaled(doppler, doppler.sigma(level, elevation), residual)
+        sigma = doppler.sigma(level, elevation)
+        doppler, normal = _scaled(doppler, sigma, residual, [part.size for part in left])
         # One after the other, so that windows that overlap stay apart.
         correlated = correlated_epochs(np.concatenate(time), np.concatenate(sat), normal)
         noise = WindowNoise(doppler, correlated, _walk(drifts), "fitted")
@@ -107,15 +119,20 @@ def fit_window_noise(
 
 
 def _scaled(
-    doppler: DopplerNoise, sigma: FloatArray, residual: FloatArray
+    doppler: DopplerNoise, sigma: FloatArray, residual: FloatArray, sizes: list[int]
 ) -> tuple[DopplerNoise, FloatArray]:
-    """Return the noise whose σ is the RMS of what the cutoff keeps, and residuals divided by it.
+    """Return the noise whose σ holds in nine windows of ten, and residuals divided by it.
 
     The spread of a fit is a median, and heavy tails below the cutoff add to χ² what no median
-    sees. Residuals beyond the cutoff are NaN.
+    sees. And streets differ: the RMS of all windows would be too little for half of them, and
+    χ² would refuse what reflections have only made noisier. Residuals beyond the cutoff are NaN.
     """
     normal = residual / sigma
-    factor = float(np.sqrt(np.mean(normal[np.abs(normal) <= _CUTOFF] ** 2)))
+    kept = np.where(np.abs(normal) <= _CUTOFF, normal, np.nan)
+    squares = [np.nanmean(w**2) for w in np.split(kept, np.cumsum(sizes)[:-1])
+               if np.isfinite(w).sum() >= _FEW]  # fmt: skip
+    mean = float(np.nanmean(kept**2))
+    factor = float(np.sqrt(max(mean, np.quantile(squares, _SHARE) if squares else mean)))
     scaled = replace(doppler, sigma_45=factor * doppler.sigma_45, floor=factor * doppler.floor)
     return scaled, np.where(np.abs(normal) <= _CUTOFF * factor, normal / factor, np.nan)
 
@@ -153,4 +170,4 @@ def _walk(drifts: list[tuple[FloatArray, FloatArray]]) -> float:
     if len(seconds) < 3:
         return _UNKNOWN_WALK
     slope = float(np.polyfit(seconds, variance, 1)[0])
-    return float(np.clip(np.sqrt(max(slope, 0.0)), _STEADIEST, _UNKNOWN_WALK))
+    return float(np.clip(np.sqrt(max(slope, 0.0)), _STEADIEST, _WILDEST))

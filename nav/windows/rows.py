@@ -7,7 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...alignment.local_velocity import LocalTrack, inertial_track, planar_track
+from ...alignment.local_velocity import (
+    LocalTrack,
+    inertial_track,
+    planar_track,
+    rate_at_rest,
+)
 from ...alignment.problem import POSITION_SIGMA, AlignmentRows
 from ...datasets.observations import GnssObservations
 from ...datasets.sequence import Sequence
@@ -119,8 +124,9 @@ def local_track(sequence: Sequence, start: float, end: float) -> LocalTrack:
         return planar_track(odometer.time, odometer.speed, odometer.yaw_rate, start, end, lever_v)
     imu = sequence.inertial
     stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
+    bias = rate_at_rest(stream, odometer.time, odometer.speed, end)
     return inertial_track(
-        stream, odometer.time, odometer.speed, start, end, calibration.C_bv, lever_v=lever_v
+        stream, odometer.time, odometer.speed, start, end, calibration.C_bv, bias, lever_v
     )
 
 

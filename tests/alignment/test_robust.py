@@ -123,6 +123,39 @@ def test_wandering_clock_is_not_taken_for_outliers():
     assert found.result.verdict(Ask.CONSISTENT).passed
 
 
+@pytest.mark.parametrize("satellites", [5, 8])
+def test_a_clock_that_walks_beyond_the_noise_is_no_obstacle_to_the_proof(satellites):
+    """In 30 s it wanders by ten times what supports a rotation; a drift for all proves nothing."""
+    w = window(6, satellites, epochs=60, interval=0.5, clock_walk=0.3, sigma=0.03, speed=12.0)
+    rows, _ = contaminated(w.rows, 0.15, "moderate", 6)
+    found = align_robust(rows, ClockModel("random-walk", 0.3))
+    assert np.ptp(w.clock_drift) > 10.0 * 2.0 * 0.03
+    assert found.proof is not None and found.proof.proved
+    assert found.passed and rotation_angle(found.result.C_ew, w.C_ew) < found.result.bound
+
+
+def turned_satellites(w, count: int, angle: float) -> AlignmentRows:
+    """Rows of which those of some satellites are those of another heading."""
+    satellites = int(np.sum(w.rows.epoch == 0))
+    turn = Rotation.from_rotvec(np.radians(angle) * w.up_e).as_matrix()
+    vel_e = w.rows.vel_w @ w.C_ew.T
+    wrong = np.arange(len(w.rows)) % satellites < count
+    return replace(
+        w.rows, z=w.rows.z + wrong * np.sum(w.rows.e_e * (vel_e @ (turn.T - np.eye(3))), axis=1)
+    )
+
+
+def test_two_of_ten_satellites_that_conspire_are_outvoted_and_four_stop_the_window():
+    """Two agree on something whatever it is; four may be the truth, and then six are wrong."""
+    clock = ClockModel("random-walk", 0.1)
+    for seed in range(3):
+        w = window(seed, 10, epochs=15, clock_walk=0.1, speed=10.0)
+        two = align_robust(turned_satellites(w, 2, 70.0), clock)
+        assert two.passed and rotation_angle(two.result.C_ew, w.C_ew) < two.result.bound
+        for count in (4, 6):
+            assert not align_robust(turned_satellites(w, count, 70.0), clock).passed
+
+
 @pytest.mark.parametrize("kind", ["linear", "per-epoch"])
 def test_other_clocks(kind):
     w = window(7, epochs=15, clock_rate=0.1)

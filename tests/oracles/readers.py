@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .drives import WEEK
+from .solutions import WRITE
 
 
 def _load(format: str | None = None, **options: object) -> Callable[[Path], Any]:
@@ -112,6 +113,12 @@ READ: dict[str, Callable[[Path], Any]] = {
     "rtklib_pos_llh": _file("certnav.datasets.formats.rtklib_pos", "read_pos", "a.pos"),
     "rtklib_pos_ecef": _file("certnav.datasets.formats.rtklib_pos", "read_pos", "a.pos"),
     "rtklib_pos_dms": _file("certnav.datasets.formats.rtklib_pos", "read_pos", "a.pos"),
+    **{
+        f"solution_{form}": _file(
+            "certnav.datasets.solutions.reading", "read_solution", file, week=WEEK
+        )
+        for form, (file, _) in WRITE.items()
+    },
     "ubx": _file("certnav.datasets.formats.ubx", "read_ubx", "a.ubx"),
     "nmea": _file("certnav.datasets.formats.nmea", "read_nmea", "a.nmea"),
     **dict.fromkeys(("raw_ubx", "raw_sbf", "raw_novatel", "raw_rtcm3"), _raw_log),

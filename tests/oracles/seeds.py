@@ -39,6 +39,7 @@ from .drives import (
     write_table,
     write_ubx,
 )
+from .solutions import WRITE
 
 #: Seeds that share a folder with another one.
 SHARED = {"declare": "own_data", "check": "own_data", "check_great": "great"}
@@ -129,6 +130,10 @@ def _text_seeds(root: Path, d: Drive, great: Path) -> list[Target]:
         folder = _folder(root, f"rtklib_pos_{form}")
         write_pos(folder / "a.pos", d, form)
         out.append(Target(folder.name, "rtklib_pos", {"a.pos": "text"}, 6))
+    for form, (file, write) in WRITE.items():
+        folder = _folder(root, f"solution_{form}")
+        write(folder / file, d.fixes)
+        out.append(Target(folder.name, "solutions", {file: "text"}, 5))
     ubx, nmea = _folder(root, "ubx"), _folder(root, "nmea")
     write_ubx(ubx / "a.ubx", d)
     write_nmea(nmea / "a.nmea", d)

@@ -24,7 +24,14 @@ from ...filters.strapdown import InertialStream, NavState, integrate
 from ..ddia import SINGULAR_K
 from ..vehicle_motion import ForwardMotion, forward_motion
 from .pairs import Pairs, all_pairs
-from .samples import Samples, interpolated, rate_eb_b, reference_attitude, reference_samples
+from .samples import (
+    MAX_GAP,
+    Samples,
+    interpolated,
+    rate_eb_b,
+    reference_attitude,
+    reference_samples,
+)
 from .statistics import rejection
 
 #: Of an outage, as the paper has it.
@@ -108,11 +115,24 @@ def outages(
             f"{length + LEAST:.0f} s with a reference attitude, found {last - first:.0f} s"
         )
     count = int((last - first - learned) / length + 1e-6)
+    begins = [first + learned + k * length for k in range(count)]
     found = [
-        _outage(sequence, samples, first + learned + k * length, length, learned)
-        for k in range(count)
+        _outage(sequence, samples, begin, length, learned)
+        for begin in begins
+        if _seamless(judged, begin - learned, begin + length)
     ]
-    return [outage for outage in found if outage.pair_time.size]
+    found = [outage for outage in found if outage.pair_time.size]
+    if not found:
+        raise DataError(
+            f"{sequence.name}: no {length:.0f} s with a reference attitude throughout and pairs"
+        )
+    return found
+
+
+def _seamless(time: FloatArray, start: float, end: float) -> bool:
+    """Tell whether the reference's attitude goes through from `start` to `end`."""
+    inside = time[(time > start) & (time < end)]
+    return bool(np.diff(np.r_[start, inside, end]).max() <= MAX_GAP)
 
 
 def over_outages(found: Listing[Outage]) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from .state import Start
 
 if TYPE_CHECKING:
     from ....alignment.in_motion.align import InertialAlignment
+    from ....alignment.in_motion.rows import DopplerEpoch
     from ....alignment.in_motion.waiting import MotionAligner
 
 #: Share of a window's information that a start at its beginning takes: 1σ is what 3σ was.
@@ -49,6 +50,8 @@ class CertifiedStart:
         GPS time of each attempt [s], and what it was waiting for or found.
     first_epoch : float or None
         GPS time of the first Doppler within the IMU data [s].
+    unplaced : bool
+        Whether there are no positions to wait for.
     """
 
     def __init__(
@@ -57,6 +60,7 @@ class CertifiedStart:
         self.fixes, self.config, self.imu, self.say = fixes, config, imu, say
         self.attempts: list[tuple[float, str]] = []
         self.first_epoch: float | None = None
+        self.unplaced = False
         self._aligner: MotionAligner | None = None
 
     def offer(self, event: GnssEvent) -> Start | None:
@@ -66,10 +70,11 @@ class CertifiedStart:
             return None
         if self._aligner is None:
             self._aligner, self.first_epoch = self._new_aligner(), epoch.time
+        self.unplaced |= epoch.assumed
         made = self._aligner.add(epoch)
         if made is None:
             return None
-        position = self.fixes.position
+        position = self.fixes.position or _assumed(epoch)
         age = self.config.position_age_s
         far = position is None or abs(position.time - epoch.time) > age
         message = made.message
@@ -181,3 +186,11 @@ def _moved(found: InertialAlignment, since: float) -> tuple[FloatArray, float]:
     # Between epochs the way is that of the mean velocity, but for what changes within a second.
     curved = _ACCELERATION / 12.0 * float(np.sum(np.diff(grid) ** 2))
     return way, 0.5 * _ACCELERATION * before**2 + curved
+
+
+def _assumed(epoch: DopplerEpoch) -> GnssEvent | None:
+    """Return the position that lines of sight were computed for, where there are no others."""
+    if not epoch.assumed:
+        return None
+    cov_e = epoch.position_sigma**2 * np.eye(3)
+    return GnssEvent(epoch.time, "position", epoch.pos_e, cov_e)

@@ -114,6 +114,8 @@ class StartFinder:
         missing = [kind for kind, count in self._fixes.counts.items() if not count]
         if self.method == "certified":
             raise AlignmentError(self._certified.why_not())
+        if missing and self._certified.unplaced:
+            raise AlignmentError(self._certified.why_not())
         if missing:
             raise AlignmentError(
                 f"no usable GNSS {missing[0]}, so there is nothing to start from — `certnav check` "

@@ -13,7 +13,9 @@ from certnav.alignment.local_velocity import LocalTrack
 from certnav.alignment.problem import ClockModel
 from certnav.alignment.reference.earth_windows import displaced, earth_window
 from certnav.alignment.solver.refinement import rotation_angle
+from certnav.filters.earth import C_en_of
 from certnav.filters.errors import AlignmentError, ConfigError
+from certnav.filters.rotation import matrix_from_rpy
 
 CLOCK = ClockModel("random-walk", 0.1)
 
@@ -144,3 +146,28 @@ def test_what_cannot_be_is_refused(change, match):
     known = {"near": window.pos_e, "radius": 1e5} | change
     with pytest.raises(ConfigError, match=match):
         align_anywhere(window.signals, window.track, **known)
+
+
+def test_a_level_vehicle_makes_up_for_a_turn_that_is_slight():
+    """From 100 km: level within 2° the bound is smaller, and right; tilted by 20° it is noticed."""
+    rng, better = np.random.default_rng(21), 0
+    for _ in range(8):
+        window = earth_window(rng, 5, 30.0)
+        C_nw = C_en_of(window.pos_e).T @ window.C_ew
+        level = matrix_from_rpy([0.0, 0.0, 0.7]).T @ C_nw  # local axes with z downwards
+        near = displaced(rng, window.pos_e, 1e5)
+
+        def aligned(turn, sigma, window=window, near=near):
+            track = window.track
+            turned = LocalTrack(track.time, track.C_wv, track.vel_w @ turn.T, "turned")
+            return align_anywhere(
+                window.signals, turned, near, 1.5e5, 300.0, clock=CLOCK, level_sigma=sigma
+            )
+
+        plain, known = aligned(level, None), aligned(level, np.radians(2.0))
+        better += known.bound < plain.bound
+        if known.passed:
+            assert rotation_angle(known.C_ew, window.C_ew @ level.T) < known.bound
+        tilted = aligned(matrix_from_rpy([0.35, 0.0, 0.0]) @ level, np.radians(1.0))
+        assert not tilted.passed
+    assert better >= 7

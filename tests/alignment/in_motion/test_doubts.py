@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,6 +26,38 @@ def test_consensus_needs_nine_rows_of_ten(rejected, passed):
     assert (verdict.value, verdict.limit) == (1.0 - rejected / 100, 0.9)
     assert verdict.message.startswith(f"{100 - rejected} of 100 rows agree")
     assert verdict.message.endswith("90 % are needed") == (not passed)
+
+
+def test_rows_at_rest_do_not_outvote_those_in_motion():
+    """146 of 156 agree, of 24 in motion 14: what a window in a canyon passed with, 22° wrong."""
+    inliers, moves = np.ones(156, dtype=bool), np.arange(156) >= 132
+    inliers[-10:] = False
+    assert doubts.consensus(inliers, OPTIONS).passed
+    verdict = doubts.consensus(inliers, OPTIONS, moves)
+    assert not verdict.passed and verdict.value == pytest.approx(14 / 24)
+    assert verdict.message.startswith("14 of 24 rows in motion agree, 90 % are needed")
+    # Too few in motion for a share of them to mean anything.
+    assert doubts.consensus(inliers, OPTIONS, np.arange(156) >= 147).passed
+
+
+def test_motion_is_what_satellites_see_and_neither_clock_nor_the_earth(noise_free):
+    doppler, drive = noise_free.doppler, noise_free.simulation
+    reference = drive.reference
+    speed = np.linalg.norm(
+        [np.interp(doppler.time, reference.time, v) for v in reference.vel_e.T], axis=0
+    )
+    moves = doubts.in_motion(doppler)
+    fast = (speed > 3.0)[doppler.epoch]
+    assert fast.any() and moves[fast].all()
+    still = replace(doppler, z=doppler.z - np.sum(doppler.e_e * _velocity(doppler, drive), axis=1))
+    assert not doubts.in_motion(still).any()
+
+
+def _velocity(doppler, drive):
+    """Velocity over the Earth at each row, ECEF."""
+    lever_b = drive.calibration.lever_antenna_b
+    ends = [drive.trajectory.pos_e(doppler.time + d, lever_b) for d in (-0.01, 0.01)]
+    return ((ends[1] - ends[0]) / 0.02)[doppler.epoch]
 
 
 @pytest.fixture(scope="module")
@@ -144,3 +177,35 @@ def test_a_satellite_without_which_nothing_is_left_carries_the_attitude(monkeypa
     verdict = separation_of(monkeypatch, [np.zeros(3), None, np.zeros(3)], [cov] * 3, cov)
     assert not verdict.passed and verdict.value == np.inf
     assert verdict.message == "nothing is left without G02"
+
+
+def everywhere_of(scores, sat, epoch, epochs=80):
+    """The verdict on residuals, in σ after the fit."""
+    rows = SimpleNamespace(sat=sat, epoch=epoch, time=np.arange(float(epochs)))
+    window = SimpleNamespace(stretch=SimpleNamespace(rows=rows))
+    verdict = doubts.everywhere(SimpleNamespace(window=window, scores=lambda: scores))
+    assert verdict.name is Ask.EVERYWHERE and verdict.limit == 1.0
+    return verdict
+
+
+def test_sound_rows_agree_everywhere_as_often_as_the_probability_says():
+    rng, refused = np.random.default_rng(8), 0
+    epoch, sat = np.repeat(np.arange(80), 3), np.tile(["G01", "G02", "G03"], 80)
+    for _ in range(1000):
+        refused += not everywhere_of(np.abs(rng.normal(size=240)), sat, epoch).passed
+    # Eleven parts of 0.1 % each.
+    assert 2 <= refused <= 25
+
+
+@pytest.mark.parametrize("where", ["satellite", "end"])
+def test_a_few_rows_that_contradict_are_not_hidden_by_many_that_cannot(where):
+    """The window as a whole has less χ² than it may have."""
+    rng = np.random.default_rng(9)
+    epoch, sat = np.repeat(np.arange(80), 3), np.tile(["G01", "G02", "G03"], 80)
+    bad = (sat == "G02") & (epoch >= 65) if where == "satellite" else epoch >= 75
+    scores = np.abs(rng.normal(size=240)) * np.where(bad, 4.0, 0.3)
+    assert np.mean(scores**2) < 1.2  # the limit for 240 is 1.3
+    verdict = everywhere_of(scores, sat, epoch)
+    assert not verdict.passed and "reflections, or σ too small" in verdict.message
+    # Rows that were rejected or cannot be judged have no score, and no say.
+    assert everywhere_of(np.where(bad, 0.0, scores), sat, epoch).passed

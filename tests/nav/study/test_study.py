@@ -156,6 +156,23 @@ def test_options_go_to_the_readers_that_know_them(data_dir, tmp_path):
         with_options([drive, folder], {"no_such_option": 1})
 
 
+def test_what_is_missing_is_named(drive):
+    observations, reference = drive.observations, drive.reference
+    deaf = dataclasses.replace(observations, cn0=np.full(len(observations), np.nan))
+    with pytest.raises(DataError, match=r"none of \d+ pairs has a C/N0"):
+        study([dataclasses.replace(drive, observations=deaf)], jobs=1)
+    flat = dataclasses.replace(reference, rpy=np.full_like(reference.rpy, np.nan))
+    with pytest.raises(DataError, match="'no reference attitude for the lever arm': 281"):
+        study([dataclasses.replace(drive, reference=flat)], jobs=1)
+    # A minute without reference in every attempt at an outage: none is made up over the hole.
+    hole = (reference.time < reference.time[0] + 150.0) | (reference.time > reference.time[0] + 160)
+    parts = {name: getattr(reference, name)[hole] for name in ("time", "pos_e", "vel_e", "rpy")}
+    holed = dataclasses.replace(drive, reference=dataclasses.replace(reference, **parts))
+    (one,) = study([holed], jobs=1).recordings
+    assert not one.attitude
+    assert "with a reference attitude throughout" in one.notes[-1]
+
+
 @pytest.mark.parametrize(
     "more, said",
     [

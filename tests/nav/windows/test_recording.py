@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from certnav.alignment.problem import ClockModel
 from certnav.alignment.reference.simulation import simulate_window
@@ -122,10 +123,44 @@ def test_mistakes_are_named(exact):
         WindowOptions(phase="on")
     with pytest.raises(ConfigError, match="level"):
         WindowOptions(level_deg=0.0)
-    with pytest.raises(AlignmentError, match="no odometer"):
-        align_windows(dataclasses.replace(exact, odometer=None), WindowOptions())
+    alone = dataclasses.replace(exact, odometer=None)
+    with pytest.raises(AlignmentError, match="neither odometer nor IMU"):
+        align_windows(dataclasses.replace(alone, imu=None), WindowOptions())
+    for asked in ({"method": "voba"}, {"noise": "fitted"}, {"level_deg": 2.0}):
+        with pytest.raises(ConfigError, match="needs an odometer"):
+            align_windows(alone, WindowOptions(**asked))
     with pytest.raises(AlignmentError, match="less than one window"):
         align_windows(exact, WindowOptions(window=500.0))
+
+
+@pytest.mark.parametrize("turned", [0.0, 120.0])
+def test_the_imu_alone_gives_the_heading_too(exact, turned):
+    """However the IMU sits in the vehicle: the heading is the vehicle's, the error its own."""
+    C_bv = Rotation.from_euler("z", -turned, degrees=True).as_matrix()
+    alone = dataclasses.replace(exact, odometer=None)
+    if turned:
+        imu, calibration = exact.imu, exact.calibration
+        alone = dataclasses.replace(
+            alone,
+            imu=dataclasses.replace(
+                imu, gyro_b=imu.gyro_b @ C_bv.T, accel_b=imu.accel_b @ C_bv.T
+            ),
+            calibration=dataclasses.replace(
+                calibration, C_bv=C_bv @ calibration.C_bv,
+                lever_antenna_b=C_bv @ calibration.lever_antenna_b,
+                lever_vehicle_b=C_bv @ calibration.lever_vehicle_b,
+            ),
+            reference=dataclasses.replace(exact.reference, attitude_frame="v"),
+        )  # fmt: skip
+    passed = [r for r in align_windows(alone, WindowOptions(window=20.0, step=5.0)) if r.passed]
+    assert len(passed) >= 4
+    assert all(abs(r.error) < min(r.bound, 4.0 * r.sigma_heading) for r in passed)
+    assert np.degrees(np.median([abs(r.error) for r in passed])) < 1.0
+    reference = alone.reference
+    for r in passed:
+        near = int(np.argmin(np.abs(reference.time - r.start)))
+        off = np.angle(np.exp(1j * (r.heading - reference.rpy[near, 2])))
+        assert abs(np.degrees(off)) < 6.0  # within half an epoch of a turn
 
 
 def test_command_prints_table_and_json(data_dir, tmp_path, capsys):
@@ -153,6 +188,25 @@ def test_level_vehicle_and_fitted_noise_find_the_heading(exact):
     assert noise.doppler.sigma(45.0) < 0.05 and noise.clock_walk == 0.02
 
 
+def test_noise_is_that_of_the_noisier_streets_and_not_of_the_stops():
+    """Half of the windows three times as noisy, and a vehicle that stands half of the time."""
+    windows = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        w = simulate_window(rng, 7, epochs=60, interval=0.5, speed=10.0)
+        still = w.rows.epoch < 30
+        own = np.where(still, 0.01, 0.3 if seed % 2 else 0.1)
+        moves = np.where(still, 0.0, 1.0)
+        vel_w = w.rows.vel_w * moves[:, None]
+        z = w.rows.z - np.sum(w.rows.e_e * ((w.rows.vel_w - vel_w) @ w.C_ew.T), axis=1)
+        rows = dataclasses.replace(w.rows, vel_w=vel_w, z=z + own * rng.standard_normal(own.size))
+        sat = np.array([f"G{k % 7:02d}" for k in range(own.size)])
+        level = np.full(own.size, 45.0)
+        windows.append((rows, Labels(rows.time, sat, level, np.full(own.size, np.nan))))
+    noise = fit_window_noise(windows, ClockModel("random-walk", 0.1))
+    assert noise.doppler.sigma(45.0) == pytest.approx(0.3, rel=0.2)
+
+
 def test_noise_of_one_recording_comes_back():
     """What was put into simulated windows: σ by C/N0 and elevation, a clock that walks."""
     true, windows = DopplerNoise(0.12, 0.03, decade_db=18.0, low=2.0), []
@@ -177,18 +231,12 @@ def test_noise_of_one_recording_comes_back():
 
 def test_no_passed_window_of_either_city_is_wrong(data_dir):
     """Fitted noise and a level vehicle: windows pass, and none beyond its bound."""
-    for name, how in (
-        ("smartloc-berlin1", {"min_cn0": 40.0}),
-        ("comma2k19-example1", {"decimate": 10}),
-    ):
-        options = WindowOptions(
-            method="robust",
-            noise="fitted",
-            level_deg=2.0,
-            step=15.0 if "comma" in name else 5.0,
-            **how,
-        )
-        results = align_windows(load(data_dir / name), options)
+    whole = load(data_dir / "smartloc-berlin1" / "full")
+    begin = whole.span[0] + 60.0
+    city, motorway = whole.between(begin, begin + 45.0), load(data_dir / "comma2k19-example1")
+    for drive, how in ((city, {"step": 10.0}), (motorway, {"step": 15.0, "decimate": 10})):
+        options = WindowOptions(method="robust", noise="fitted", level_deg=2.0, **how)
+        results = align_windows(drive, options)
         passed = [r for r in results if r.passed]
         assert passed and all(abs(r.error) < r.bound for r in passed)
         assert max(abs(np.degrees(r.error)) for r in results) < 5.0
