@@ -19,6 +19,7 @@
 
     solver/          the certified minimum in microseconds, and the bound around it
     proofs/          certificates, exact proofs, proofs about the choice of rows
+    anywhere/        attitude and position, from Doppler alone
     in_motion/       attitude from IMU and Doppler alone, while moving
     reference/       what it is compared with
 

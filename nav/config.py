@@ -114,6 +114,9 @@ class FilterConfig:
         Fixed-interval smoothing after the run: every epoch knows all data.
     output_rate_hz : float
         Rate of ``solution.csv``; 0 writes every IMU sample.
+    protection_risk : float
+        Probability with which the position may be off by more than its protection level,
+        horizontally and vertically each, whichever one sensor is wrong; 0: no levels.
     """
 
     states: int = 15
@@ -124,6 +127,9 @@ class FilterConfig:
     patience_s: float = 10.0
     smooth: bool = False
     output_rate_hz: float = 10.0
+    # An error lasts for some 30 s: 1e-4 is one in a hundred hours or so of driving, the rarest
+    # that recordings and simulations can contradict. Smaller is a matter of belief in Gauss.
+    protection_risk: float = 1e-4
 
     def __post_init__(self) -> None:
         if self.states not in (15, 21):
@@ -137,6 +143,10 @@ class FilterConfig:
             )
         if not self.gate_width >= 1.0:
             raise ConfigError(f"filter.gate_width: expected ≥ 1, found {self.gate_width}")
+        if not 0.0 <= self.protection_risk <= 0.1:
+            raise ConfigError(
+                f"filter.protection_risk: expected 0 … 0.1, found {self.protection_risk}"
+            )
         _positive("filter.patience_s", self.patience_s, zero=True)
         _positive("filter.output_rate_hz", self.output_rate_hz, zero=True)
 

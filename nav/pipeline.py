@@ -10,6 +10,7 @@ import numpy as np
 
 from ..datasets.observations import GnssObservations
 from ..datasets.sequence import Sequence
+from ..filters import smoother as filtered
 from ..filters.compiled import rows as layout
 from ..filters.earth import C_en_of
 from ..filters.errors import AlignmentError
@@ -21,13 +22,14 @@ from .engine.blind import blind_notes
 from .engine.events import GnssEvent
 from .engine.fix_noise.fitted import with_fitted_noise
 from .engine.gnss import GnssTimeline, gnss_timeline
+from .engine.integrity.placed import meaning, of_smoothed, with_protection
 from .engine.legs import Course, Leg, legs, told
 from .engine.prepared import Prepared, course_over
 from .engine.velocity_noise.fitted import with_fitted_velocities
 from .engine.watch.doubts import doubts, outages
 from .notes import Note, clock, plain
 from .signals import Signals, signal_log
-from .solution import FixErrors, Solution, Trajectory, Update
+from .solution import FixErrors, Separation, Solution, Trajectory, Update
 from .sweep import in_order
 
 Progress = Callable[[float, str], None]
@@ -121,10 +123,15 @@ class _Ran:
             status = "doubtful"
         aligning = sum(leg.aligning for leg in made)
         rows = [leg.rows if smoothed else leg.causal for leg in made]
-        trajectory = with_lasting(
-            trajectory_from_rows(np.vstack([part for part in rows if len(part)])),
-            self.timeline.events,
-        )
+        bare = trajectory_from_rows(np.vstack([part for part in rows if len(part)]))
+        levels = [
+            of_smoothed(leg.levels) if smoothed and leg.separation is not None else leg.levels
+            for leg in made
+        ]
+        trajectory = with_protection(
+            with_lasting(bare, self.timeline.events), np.vstack(levels),
+            course.config.filter.protection_risk, bare,
+        )  # fmt: skip
         # Of many runs over the same signals nobody asks for each what became of them.
         observations = self.timeline.observations if self.alone else None
         return Solution(
@@ -144,6 +151,8 @@ class _Ran:
             fix_errors=self.errors,
             resolution=self.timeline.resolution,
             signals=_signals(observations, sequence, trajectory, updates),
+            protection=meaning(course.events, course.vehicle, course.config),
+            separation=_separation(made[-1].separation) if smoothed else None,
         )
 
 
@@ -210,6 +219,17 @@ def at_times(t: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArra
     """Return vectors interpolated, shape (n, 3); NaN outside of `t`."""
     columns = [np.interp(wanted, t, v, left=np.nan, right=np.nan) for v in values.T]
     return np.stack(columns, axis=-1)
+
+
+def _separation(found: filtered.Separation | None) -> Separation | None:
+    """Return the separation in north, east, down."""
+    if found is None:
+        return None
+    C_ne = np.swapaxes(C_en_of(found.pos_e), 1, 2)
+    forward_n, backward_n = (
+        np.einsum("nij,nj->ni", C_ne, part) for part in (found.forward_e, found.backward_e)
+    )
+    return Separation(found.time, forward_n, backward_n, found.chi2)
 
 
 def trajectory_from_rows(rows: FloatArray) -> Trajectory:

@@ -99,7 +99,10 @@ def run(arguments: argparse.Namespace) -> None:
                     checked_load(path, config, checked=not arguments.unchecked)
                     for path in arguments.path
                 ]
-                others = read_others(arguments.result, arguments.week or _week(drives[0]))
+                week = arguments.week
+                if arguments.result and week is None:
+                    week = _week(drives[0])
+                others = read_others(arguments.result, week)
                 comparison = compare(
                     drives, methods, outages, config, others=others, settle=arguments.settle,
                     seeds=arguments.seeds, out=draft, draw=_report if arguments.reports else None,

@@ -21,6 +21,7 @@ from ...datasets.observations import GnssFixes, GnssObservations
 from ...datasets.sequence import Sequence
 from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import ConfigError
+from ...filters.measurements import Biases
 from ...velocity.least_squares import REJECTED
 from ..config import GnssConfig
 from ..notes import Note, plain
@@ -33,6 +34,7 @@ from .whereabouts import Whereabouts, without_fixes
 
 if TYPE_CHECKING:
     from ...datasets.rtklib import SinglePoint
+    from ...datasets.rtklib.each_range import EachRange
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +53,8 @@ class GnssTimeline:
     resolution: Resolution | None = None
 
 
+#: Reflections with twice this detour arrive too weak to be tracked, 1σ of a pseudorange [m].
+_LONGEST_DETOUR = 300.0
 #: Fewer rows of a satellite than this say nothing about it.
 _MANY = 30
 #: Reason given to rows of satellites that are wrong all the time.
@@ -221,14 +225,16 @@ def _single_point(
     where = Whereabouts.of(spp.fixes, spp.clock / SPEED_OF_LIGHT)
     scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
     lasting = [None] * len(where.time) if spp.lasting_cov_e is None else spp.lasting_cov_e
+    ranges = [None] * len(where.time) if spp.ranges is None else spp.ranges
     events = [
         GnssEvent(
             time, "position", pos_e, inflated(cov, scale, floor), satellites,
             shared=True, lasting_e=stays,
+            ranges=_ranges(satellites, each),
         )
-        for time, pos_e, cov, satellites, stays in zip(
+        for time, pos_e, cov, satellites, stays, each in zip(
             where.time - where.clock, spp.fixes.pos_e, spp.fixes.pos_cov_e, spp.satellites,
-            lasting, strict=True,
+            lasting, ranges, strict=True,
         )
     ]  # fmt: skip
     offered = _satellites(observations, np.isfinite(observations.pseudorange))
@@ -241,6 +247,13 @@ def _single_point(
     faulty[[*spp.rejected, *spp.left_out]] = True
     notes = tuple(_persistent(spp, observations, wrong))
     return events, where, faulty, wrong, notes, spp.misfit
+
+
+def _ranges(satellites: tuple[str, ...], each: EachRange | None) -> Biases | None:
+    if each is None:
+        return None
+    names = tuple(f"pseudorange of {name}" for name in satellites)
+    return Biases(names, each.gain, _LONGEST_DETOUR, each.excess, each.noise, each.lasting)
 
 
 def _persistent(

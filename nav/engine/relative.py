@@ -84,7 +84,12 @@ def with_relative_positions(
             continue
         name = str(fixes.quality[j])
         out[order[near]] = dataclasses.replace(
-            event, value_e=fixes.pos_e[j], cov_e=cov, lasting_e=None, resolved=name == "fixed"
+            event,
+            value_e=fixes.pos_e[j],
+            cov_e=cov,
+            lasting_e=None,
+            resolved=name == "fixed",
+            ranges=None,
         )
         quality[name] += 1
         if name == "fixed":

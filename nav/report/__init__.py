@@ -7,6 +7,7 @@
     verdict    the run in plain sentences
     map        the track, coloured by what the reader chooses
     timeline   everything over time
+    bounds     protection levels; how far earlier and later data part
     sky        satellites: where, how strong, used or why not, residuals, geometry
     span       figures of the span that the reader selects
     coverage   what GNSS could do along the run; thinning

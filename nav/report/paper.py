@@ -16,6 +16,8 @@ _DRAWN = {
     "track": track,
     "satellites": figures.satellites,
     "position": figures.position,
+    "protection": figures.protection,
+    "separation": figures.separation,
     "velocity": figures.velocity,
     "attitude": figures.attitude,
     "biases": figures.biases,

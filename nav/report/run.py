@@ -15,6 +15,7 @@ from ..page import document
 from ..page.board import Board
 from ..page.quantities import duration, length, quantity
 from ..results.directory import Result, read_result
+from .bounds import protection, separation
 from .map import track_map
 from .sky import Sky
 from .span import span_controls, span_table
@@ -48,6 +49,8 @@ def build_report(result: Result) -> str:
             _track_section(result, board),
             _satellite_section(result, board, panels),
             _section("Position", board, panels.position(), _position_caption(result)),
+            _protection_section(result, board, panels),
+            _separation_section(result, board, panels),
             _section("Drift", board, panels.since_fix(), "One point an epoch of the reference."),
             _section("Distribution", board, panels.distribution(), "Dashed: errors that are normal "
                      "with the filter's σ."),
@@ -170,6 +173,31 @@ def _position_caption(result: Result) -> str:
     if result.evaluation.has_reference:
         return "Solution minus reference at the reference point, north, east, down."
     return "Without a reference only what the filter claims: ±3σ."
+
+
+def _protection_section(result: Result, board: Board, panels: Timeline) -> str:
+    told = result.summary["protection"]
+    if told is None:
+        return ""
+    caption = (
+        f"What the error exceeds with a probability of {told['risk']:g} at most, whichever one of "
+        f"these is wrong: {', '.join(told['covers']) or 'none; σ alone'}."
+    )
+    if told["lacks"]:
+        caption += f" Not covered: {'; '.join(told['lacks'])}."
+    return _section("Protection level", board, protection(panels), caption)
+
+
+def _separation_section(result: Result, board: Board, panels: Timeline) -> str:
+    told = result.summary["separation"]
+    if told is None:
+        return ""
+    caption = (
+        "Position from the data before each epoch, and what the data after it make of it, less the "
+        f"smoothed one; below, χ² of what is between them, {quantity(told['chi2_mean'], '')} on "
+        "the average: 3 (dashed) if σ is right."
+    )
+    return _section("Forward, backward and combined", board, separation(panels), caption)
 
 
 def _attitude_caption(result: Result) -> str:
@@ -312,6 +340,7 @@ def _files(result: Result) -> str:
         "updates.csv",
         "epochs.csv",
         "signals.csv",
+        "separation.csv",
         "alignment.csv",
         "reference_errors.csv",
         "config.toml",

@@ -49,7 +49,7 @@ class Timeline:
         epochs = self.result.solution.epochs
         if not (epochs.usable >= 0).any():
             return []
-        plot = self._panel("satellites", "Satellites tracked and usable")
+        plot = self.panel("satellites", "Satellites tracked and usable")
         t = epochs.time - self.board.start
         for count, colour, name in (
             (epochs.tracked, GREY, "tracked"), (epochs.usable, BLUE, "usable"),
@@ -83,15 +83,15 @@ class Timeline:
 
     def motion(self) -> list[list[figure]]:
         """Draw speed, heading, roll and pitch."""
-        speed = self._panel("speed [m/s]", "Horizontal speed")
-        self._line(speed, self.t, np.hypot(*self.vel_n[:, :2].T), BLUE, "speed", "m/s", scale=True)
-        heading = self._panel("heading [°]", "Heading")
+        speed = self.panel("speed [m/s]", "Horizontal speed")
+        self.line(speed, self.t, np.hypot(*self.vel_n[:, :2].T), BLUE, "speed", "m/s", scale=True)
+        heading = self.panel("heading [°]", "Heading")
         heading.y_range = Range1d(0, 360)
         heading.yaxis.ticker = [0, 90, 180, 270, 360]
-        self._line(heading, self.t, self.rpy_deg[:, 2], BLUE, "heading", "°", wrap=360.0)
-        tilt = self._panel("roll, pitch [°]", "Roll and pitch")
+        self.line(heading, self.t, self.rpy_deg[:, 2], BLUE, "heading", "°", wrap=360.0)
+        tilt = self.panel("roll, pitch [°]", "Roll and pitch")
         for k, colour in ((0, BLUE), (1, ORANGE)):
-            self._line(tilt, self.t, self.rpy_deg[:, k], colour, _RPY[k], "°", scale=True)
+            self.line(tilt, self.t, self.rpy_deg[:, k], colour, _RPY[k], "°", scale=True)
         return [[speed], [heading], [tilt]]
 
     def since_fix(self) -> list[list[figure]]:
@@ -154,11 +154,11 @@ class Timeline:
         for sensor, unit, bias, std in sides:
             column = []
             for k, axis in enumerate("xyz"):
-                plot = self._panel(f"{axis} [{unit}]", f"{sensor} bias, {axis}", height=170)
+                plot = self.panel(f"{axis} [{unit}]", f"{sensor} bias, {axis}", height=170)
                 keep = thin(std[:, k], 300)
                 low, high = (bias[keep, k] + sign * 3.0 * std[keep, k] for sign in (-1, 1))
                 self.board.band(plot, self.t[keep], low, high, SKY)
-                self._line(plot, self.t, bias[:, k], BLUE, "estimate", unit)
+                self.line(plot, self.t, bias[:, k], BLUE, "estimate", unit)
                 room = min(3.0 * std[:, k].max(), max(float(np.ptp(bias[:, k])),
                            4.5 * float(np.median(std[:, k])))) or 1.0  # fmt: skip
                 plot.y_range = Range1d(bias[:, k].min() - 1.1 * room, bias[:, k].max() + 1.1 * room)
@@ -171,7 +171,7 @@ class Timeline:
         updates = [u for u in self.result.solution.updates if u.whitened]
         rows = []
         for kind in dict.fromkeys(u.kind for u in updates):
-            plot = self._panel(f"{kind} [1]", f"Innovations of {kind} over their σ", height=170)
+            plot = self.panel(f"{kind} [1]", f"Innovations of {kind} over their σ", height=170)
             samples = [
                 (u.time - self.board.start, w, _fate(u.accepted, u.reason), u.reason,
                  " ".join(u.satellites))
@@ -212,16 +212,18 @@ class Timeline:
         self.board.legend(plot, fate, [drawn])
         plot.add_tools(HoverTool(renderers=[drawn], tooltips=tips, visible=False))
 
-    def _panel(self, label: str, title: str = "", height: int = 190, **options: Any) -> figure:
+    def panel(self, label: str, title: str = "", height: int = 190, **options: Any) -> figure:
+        """Return an empty panel over time, shaded where GNSS fell short."""
         plot = self.board.panel(label, title, height, **options)
         for colour, spans in self._outages:
             self.board.shade(plot, spans, colour)
         return plot
 
-    def _line(
+    def line(
         self, plot: figure, t: FloatArray, y: FloatArray, colour: str, label: str, unit: str,
         *, wrap: float | None = None, scale: bool = False,
     ) -> None:  # fmt: skip
+        """Draw a thinned line, broken at holes in time and where an angle wraps."""
         keep, cut = pieces(t, y, wrap, _BINS)
         self.board.line(plot, t[keep], y[keep], colour, label, unit, cut=cut, scale=scale)
 
@@ -235,15 +237,15 @@ class Timeline:
         for k, name in enumerate(names):
             known = np.isfinite(error[:, k])
             what = "error" if known.any() else "±3σ, no reference"
-            plot = self._panel(f"{name} [{unit}]", f"{name.capitalize()}: {what}",
+            plot = self.panel(f"{name} [{unit}]", f"{name.capitalize()}: {what}",
                                tags=["error"])  # fmt: skip
             keep = thin(sigma3[:, k], _BINS)
             self.board.band(plot, self.t[keep], -sigma3[keep, k], sigma3[keep, k], SKY)
             if known.any():
                 if raw is not None:
-                    self._line(plot, t_error, raw[:, k], GREY, "raw", unit)
+                    self.line(plot, t_error, raw[:, k], GREY, "raw", unit)
                 label = "error" if raw is None else "misalignment removed"
-                self._line(plot, t_error, error[:, k], BLUE, label, unit, scale=True)
+                self.line(plot, t_error, error[:, k], BLUE, label, unit, scale=True)
             limit = 1.1 * float(sigma3[:, k].max()) or 1.0
             plot.y_range = Range1d(-limit, limit)
             out.append(plot)

@@ -27,7 +27,7 @@ from ..evaluation.accuracy import (
     standard_deviation,
 )
 from ..signals import Signals
-from ..solution import Epochs, Trajectory, Update
+from ..solution import Epochs, Separation, Trajectory, Update
 from .formats import geodetic_and_ned, write_rows
 
 _DEGPH = np.pi / 180.0 / 3600.0
@@ -42,7 +42,8 @@ _RPY = "roll pitch heading"
 
 #: Columns of solution.csv and how their numbers are written. Heading is in [0, 360). Standard
 #: deviations (1σ) of position and velocity are along north, east, down; those of roll, pitch and
-#: heading follow from the NED attitude error covariance to first order.
+#: heading follow from the NED attitude error covariance to first order. Protection levels are at
+#: the risk that summary.json states; nan without them.
 SOLUTION_COLUMNS = [
     ("time_gps_s", "%.6f"), ("week", "%d"), ("sow_s", "%.6f"),
     ("lat_deg", "%.10f"), ("lon_deg", "%.10f"), ("height_m", "%.4f"),
@@ -56,6 +57,7 @@ SOLUTION_COLUMNS = [
     *_axes("accel_bias_{}_mg", "x y z", "%.5f"),
     *_axes("std_gyro_bias_{}_degph", "x y z", "%.5g"),
     *_axes("std_accel_bias_{}_mg", "x y z", "%.5g"),
+    *_axes("protection_{}_m", "horizontal vertical", "%.5g"),
 ]  # fmt: skip
 
 #: Columns of reference_errors.csv: the reference point, solution − reference, 3σ of the filter.
@@ -112,6 +114,7 @@ def _solution_table(trajectory: Trajectory) -> FloatArray:
         np.rad2deg(standard_deviation(cov_rpy)),
         trajectory.gyro_bias / _DEGPH, trajectory.accel_bias / _MG,
         trajectory.std_gyro_bias / _DEGPH, trajectory.std_accel_bias / _MG,
+        trajectory.protection,
     ])  # fmt: skip
 
 
@@ -120,7 +123,7 @@ def read_solution(path: Path) -> Trajectory:
     table = _read_table(path, [name for name, _ in SOLUTION_COLUMNS])
     time, _, _, lat_deg, lon_deg, _ = table[:, :6].T
     pos_e, vel_n, rpy_deg, std_pos, std_vel, std_rpy_deg, *biases = (
-        table[:, k : k + 3] for k in range(6, table.shape[1], 3)
+        table[:, k : k + 3] for k in range(6, table.shape[1] - 2, 3)
     )
     gyro_degph, accel_mg, std_gyro_degph, std_accel_mg = biases
     C_en = C_en_at(np.deg2rad(lat_deg), np.deg2rad(lon_deg))
@@ -138,6 +141,7 @@ def read_solution(path: Path) -> Trajectory:
         cov_att_n=to_vector @ _diagonal(np.deg2rad(std_rpy_deg)) @ np.swapaxes(to_vector, 1, 2),
         std_gyro_bias=std_gyro_degph * _DEGPH,
         std_accel_bias=std_accel_mg * _MG,
+        protection=table[:, -2:],
     )
 
 
@@ -188,6 +192,29 @@ def read_updates(path: Path) -> tuple[Update, ...]:
     except (KeyError, ValueError, TypeError, AttributeError) as error:
         raise DataError("not a line certnav wrote", file=path, line=rows.line_num) from error
     return tuple(updates)
+
+
+#: Columns of separation.csv: see `nav.solution.Separation`.
+SEPARATION_COLUMNS = [
+    ("time_gps_s", "%.6f"),
+    *_axes("forward_{}_m", "n e d", "%.5g"), *_axes("backward_{}_m", "n e d", "%.5g"),
+    ("chi2", "%.5g"),
+]  # fmt: skip
+
+
+def write_separation(path: Path, separation: Separation) -> None:
+    """Write separation.csv."""
+    s = separation
+    table = np.column_stack([s.time, s.forward_n, s.backward_n, s.chi2])
+    _write_table(path, SEPARATION_COLUMNS, table)
+
+
+def read_separation(path: Path) -> Separation | None:
+    """Read separation.csv; there is none where nothing was smoothed."""
+    if not path.exists():
+        return None
+    table = _read_table(path, [name for name, _ in SEPARATION_COLUMNS])
+    return Separation(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7])
 
 
 def write_epochs(path: Path, epochs: Epochs) -> None:

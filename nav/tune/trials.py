@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ...datasets.loading import load
 from ...datasets.sequence import Sequence
 from ...datasets.series import Reference
-from ...filters.errors import ConfigError, DataError, NavError
+from ...filters.errors import AlignmentError, ConfigError, DataError, NavError
 from ...filters.rotation import FloatArray
 from ...velocity.doppler_noise import NoiseFit, fit_doppler_noise, reference_residuals
 from ...velocity.range_rate import DopplerNoise
@@ -125,7 +125,10 @@ def prepare(
             f"{sequence.name}: no Doppler: nothing of what is tuned would be used",
             remedy="its settings are the defaults, or see certnav run's options for positions",
         )
-    solution = navigate(sequence, config)
+    try:
+        solution = navigate(sequence, config)
+    except AlignmentError as error:  # of several recordings, this one
+        raise DataError(f"{sequence.name}: cannot be navigated: {error}") from None
     notes, judge = [], None
     if sequence.reference is None:
         smooth = replace(config, filter=replace(config.filter, smooth=True))

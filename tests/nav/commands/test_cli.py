@@ -119,7 +119,8 @@ def test_what_taught_nothing_is_said_and_its_result_stands(drive, tmp_path, caps
     out, file = tmp_path / "result", tmp_path / "van.toml"
     command = ["run", str(drive), "--out", str(out), "--only", "pos", "--set", "vehicle.nhc=off"]
     assert main([*command, "--write-calibration", str(file)]) == 0
-    (said,) = capsys.readouterr().err.strip().splitlines()
+    lines = capsys.readouterr().err.strip().splitlines()
+    (said,) = (line for line in lines if not line.endswith(" left"))  # progress of a slow machine
     assert "van.toml not written" in said and "nothing was learned" in said
     assert not file.exists() and (out / "solution.pos").exists()
 

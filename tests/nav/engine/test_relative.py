@@ -137,6 +137,7 @@ def test_great_end_to_end_from_the_command_line(folder, tmp_path, capsys):
     page = build_report(result)
     assert "Positions relative to the base station" in page and f">{resolution.fixed}<" in page
 
+    capsys.readouterr()
     assert main(["run", str(home), "--great", "urban-02"]) == 1
     error = capsys.readouterr().err
     assert "urban-02: lever arm" in error and "data.lever" in error and error.count("\n") == 1

@@ -18,6 +18,7 @@ from certnav.nav.report.coverage import gnss_state, thin
 from certnav.nav.report.run import write_report
 from certnav.nav.report.verdict import coverage, gate_activity, verdict
 from certnav.nav.results.directory import read_result, write_result
+from certnav.nav.solution import Protection, Separation
 
 CONFIG = '[gate]\nnote = "<script>alert(1)</script>"\n'
 VOID = {"meta", "img", "br", "input"}
@@ -172,6 +173,50 @@ def test_figures_for_papers(result, tmp_path):
     with pytest.raises(ConfigError, match="expected pdf, svg, png, found 'gif'"):
         write_figures(result(duration=20.0), tmp_path / "other", "gif")
     assert not (tmp_path / "other").exists()
+
+
+def bounded(solution):
+    """Return a solution with protection levels and a separation."""
+    track = solution.trajectory
+    levels = np.column_stack([np.full(len(track), 12.0), np.full(len(track), 20.0)])
+    time = track.time[::10]
+    forward, backward = (np.tile([1.0, -2.0, 0.5], (len(time), 1)) * k for k in (1.0, -0.3))
+    backward[-1] = np.nan
+    chi2 = np.where(np.isfinite(backward[:, 0]), 2.5, np.nan)
+    return dataclasses.replace(
+        solution, trajectory=dataclasses.replace(track, protection=levels),
+        protection=Protection(1e-4, ("one satellite's pseudorange",), ("the <rest>",)),
+        separation=Separation(time, forward, backward, chi2),
+    )  # fmt: skip
+
+
+def test_levels_and_separation_have_their_panels(report):
+    result, page, text = report(bounded, duration=30.0)
+    at = page.headings.index("Position")
+    assert page.headings[at + 1 : at + 3] == ["Protection level", "Forward, backward and combined"]
+    assert "probability of 0.0001" in page.text and "one satellite's pseudorange" in page.text
+    assert "Not covered: the <rest>" in page.text and "2.5 on the average" in page.text
+    said = [plot["aria-label"] for plot in page.plots]
+    assert {"Protection level of the run", "Forward, backward and combined of the run"} <= {*said}
+    assert "protection level" in text and "backward \\u2212 smoothed" in text
+    back = result.solution
+    assert back.protection == bounded(back).protection
+    np.testing.assert_allclose(back.trajectory.protection[0], [12.0, 20.0])
+    np.testing.assert_allclose(back.separation.forward_n[0], [1.0, -2.0, 0.5])
+    assert np.isnan(back.separation.chi2[-1]) and np.isnan(back.separation.backward_n[-1]).all()
+
+
+def test_what_was_not_asked_for_is_absent_not_zero(result):
+    result = result(duration=20.0)
+    assert result.solution.separation is None and result.solution.protection is None
+    assert not (result.path / "separation.csv").exists()
+    assert result.summary["protection"] is None and result.summary["separation"] is None
+    assert np.isnan(result.solution.trajectory.protection).all()
+    assert figures.protection(result) is None and figures.separation(result) is None
+
+
+def test_levels_are_drawn_without_a_reference_too(result):
+    assert render(figures.protection, result(bounded, duration=20.0, reference=False)) is not None
 
 
 def test_report_is_rebuilt_from_the_directory_alone(report):
