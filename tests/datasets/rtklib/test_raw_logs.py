@@ -266,6 +266,21 @@ def test_a_base_in_rtcm_is_its_rinex(tmp_path, drive):
     )
 
 
+def test_a_great_folder_with_the_receivers_log_needs_no_rinex(tmp_path, drive, epochs, ephemerides):
+    """The Septentrio's own SBF in GNSS/Rover, its ephemerides where there are no others."""
+    import shutil
+
+    folder = tmp_path / "drive"
+    shutil.copytree(drive.rover_file.parents[2], folder)
+    (folder / "GNSS/Rover" / drive.rover_file.name).unlink()
+    shutil.rmtree(folder / "GNSS/Product")
+    written(folder / "GNSS/Rover", "SEPT3010.sbf", logs.sbf_log(epochs, ephemerides, WAVELENGTH))
+    found = read_great(folder)
+    assert len(found.observations) == sum(len(rows) for _, rows in epochs)
+    assert [f.suffix for f in found.navigation] == [".nav"] and found.observations.usable.all()
+    assert found.rover_file.name == "SEPT3010.obs"
+
+
 RAWX = """float64 rcvTOW
 uint16 week
 int8 leapS
