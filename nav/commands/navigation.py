@@ -69,8 +69,9 @@ def navigate_folder(
         check_replaceable(out)
         doubted = _checked(sequence, config, checked)
         found = (*passed_over, *(Note("doubtful", f"{f.subject}: {f.found}") for f in doubted))
-        sequence, measured = with_coarse_mounting(sequence, doubted)
-        found = (*found, *measured)
+        if checked and VEHICLES[config.vehicle.kind].holds_course:
+            sequence, measured = with_coarse_mounting(sequence, doubted)
+            found = (*found, *measured)
         read = time.perf_counter() - began
         _log.info("%s: read and checked in %.2f s", path, read)
         solution = navigate(sequence, config, report)
