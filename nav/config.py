@@ -146,10 +146,6 @@ class FilterConfig:
         _positive("filter.output_rate_hz", self.output_rate_hz, zero=True)
 
 
-#: Constellations by letter: GPS, GLONASS, Galileo, QZSS, BeiDou.
-SYSTEMS = "GREJC"
-
-
 @dataclass(frozen=True)
 class GnssConfig:
     """What GNSS contributes, and what is screened out first.
@@ -166,14 +162,11 @@ class GnssConfig:
     base_position_e_m : list of three numbers
         ECEF position of the base's antenna; default: what its file says.
     systems : str
-        Constellations used, by letter: G GPS, R GLONASS, E Galileo, J QZSS, C BeiDou; '': all that
-        the recording has, and of positions relative to a base those that both have.
+        Constellations used (G GPS, R GLONASS, E Galileo, J QZSS, C BeiDou); '': all there are.
     frequencies : int
         Bands of positions relative to a base, 1 to 3; 0: those that rover and base have.
     rtk_direction : {'forward', 'backward', 'combined'}
-        How positions relative to a base get their ambiguities: from the past; from the future; or
-        from both, where positions that are fixed both ways and contradict each other count as
-        float.
+        Where ambiguities come from: the past, the future, or both, contradictions being float.
     velocity : {'auto', 'doppler', 'carried', 'none'}
         Least squares from Doppler, or velocities the set carries; 'auto' prefers Doppler.
     below_four : {'rows', 'ddia', 'off'}
@@ -278,12 +271,9 @@ class GnssConfig:
                 "gnss.base_position_e_m: expected X, Y, Z in metres, found "
                 f"{list(self.base_position_e_m)}"
             )
-        if not set(self.systems) <= set(SYSTEMS):
-            raise ConfigError(
-                f"gnss.systems: expected letters of {', '.join(SYSTEMS)}, found {self.systems!r}"
-            )
-        if self.frequencies not in range(4):
-            raise ConfigError(f"gnss.frequencies: expected 0 to 3, found {self.frequencies}")
+        for letter in self.systems:
+            _choice("gnss.systems", letter, tuple("GREJC"))
+        _choice("gnss.frequencies", str(self.frequencies), ("0", "1", "2", "3"))
         _choice("gnss.rtk_direction", self.rtk_direction, ("forward", "backward", "combined"))
         most = (90.0, 360.0, 9000.0)[: len(self.near_deg)]
         beyond = any(not abs(v) <= m for v, m in zip(self.near_deg, most, strict=False))
