@@ -12,7 +12,7 @@ SMOKE := tests/test_readme.py tests/test_examples.py tests/packaging tests/filte
 	tests/datasets/formats/test_receiver_logs.py tests/datasets/formats/test_oakville.py \
 	tests/velocity/study tests/nav/test_sweep.py tests/nav/results
 
-.PHONY: demo test smoke newest setup lint types clean
+.PHONY: demo test smoke newest docs setup lint types clean
 
 demo: setup            ## simulate a city drive in the GREAT layout, navigate it, write the report
 	$(BIN)/certnav demo
@@ -46,5 +46,10 @@ lint: setup
 types: setup
 	MYPYPATH=$(VENV)/typing $(BIN)/mypy
 
+docs: setup            ## the documentation as a site, in site/: strict, no dead link
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		$(if $(CONSTRAINTS),--constraint $(CONSTRAINTS)) --editable ".[docs]"
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
 clean:
-	rm -rf .venv .venv-* results
+	rm -rf .venv .venv-* results site

@@ -18,6 +18,8 @@ evaluate
     A solution against a reference, and its covariance against its errors.
 align
     Attitude from Doppler and local velocity, certified to be the global optimum.
+align_anywhere
+    The same without a position, which comes out as well.
 ddia_velocity
     Velocity from one, two or more satellites and the attitude (DDIA-VE).
 write_result, read_result
@@ -58,7 +60,7 @@ from typing import TYPE_CHECKING
 from .lazy import names
 
 if TYPE_CHECKING:
-    from .alignment import align
+    from .alignment import align, align_anywhere
     from .datasets.loading import load
     from .datasets.sequence import Sequence
     from .datasets.simulation.simulator import simulate
@@ -73,6 +75,7 @@ __all__ = [
     "Navigator",
     "Sequence",
     "align",
+    "align_anywhere",
     "ddia_velocity",
     "evaluate",
     "load",
@@ -86,7 +89,7 @@ __all__ = [
 __getattr__, __dir__ = names(
     __name__,
     {
-        "alignment": ("align",),
+        "alignment": ("align", "align_anywhere"),
         "datasets.loading": ("load",),
         "datasets.sequence": ("Sequence",),
         "datasets.simulation.simulator": ("simulate",),

@@ -8,7 +8,8 @@
     local_velocity   the vehicle's own velocity, from odometer and gyros
     priors           a known vertical or heading, as rows of the same problem
     observability    which windows determine a rotation at all
-    verdict, result  align, and the verdicts that its result carries
+    entrance         align: arrays in, one result out
+    verdict, result  the verdicts on a solution, and the result that carries them
     row_selection,   the same where part of the rows is wrong
     robust
     levelling        the conventional start: levelling and course
@@ -18,6 +19,7 @@
 
     solver/          the certified minimum in microseconds, and the bound around it
     proofs/          certificates, exact proofs, proofs about the choice of rows
+    anywhere/        attitude and position, from Doppler alone
     in_motion/       attitude from IMU and Doppler alone, while moving
     reference/       what it is compared with
 
@@ -31,6 +33,8 @@ from typing import TYPE_CHECKING
 from ..lazy import names
 
 if TYPE_CHECKING:
+    from .anywhere.align import AnywhereAlignment, align_anywhere
+    from .entrance import align
     from .levelling import InitialAttitude, VelocityTrack, given_attitude, level_and_course
     from .local_velocity import LocalTrack, inertial_track, planar_track
     from .observability import Geometry
@@ -39,13 +43,14 @@ if TYPE_CHECKING:
     from .result import AlignmentResult, Ask, Verdict
     from .robust import RobustAlignment, RobustOptions, align_robust
     from .status import AlignmentStatus
-    from .verdict import VerdictLimits, align, judge
+    from .verdict import VerdictLimits, judge
 
 __all__ = [
     "AlignmentProblem",
     "AlignmentResult",
     "AlignmentRows",
     "AlignmentStatus",
+    "AnywhereAlignment",
     "Ask",
     "ClockModel",
     "Geometry",
@@ -58,6 +63,7 @@ __all__ = [
     "Verdict",
     "VerdictLimits",
     "align",
+    "align_anywhere",
     "align_robust",
     "build_problem",
     "given_attitude",
@@ -73,7 +79,9 @@ __all__ = [
 __getattr__, __dir__ = names(
     __name__,
     {
-        "verdict": ("VerdictLimits", "align", "judge"),
+        "anywhere.align": ("AnywhereAlignment", "align_anywhere"),
+        "entrance": ("align",),
+        "verdict": ("VerdictLimits", "judge"),
         "result": ("AlignmentResult", "Ask", "Verdict"),
         "status": ("AlignmentStatus",),
         "problem": ("AlignmentProblem", "AlignmentRows", "ClockModel", "build_problem"),

@@ -17,6 +17,9 @@ from ..filters.errors import AlignmentError
 from ..filters.rotation import FloatArray, matrix_from_rotvec, matrix_from_rpy
 from ..filters.strapdown import InertialStream
 
+#: Wheels stand below this speed [m/s], for so long [s], if they stand.
+_STANDS, _SHORTEST_REST = 0.02, 2.0
+
 
 @dataclass(frozen=True, eq=False)
 class LocalTrack:
@@ -48,6 +51,15 @@ class LocalTrack:
         at = np.asarray(time, dtype=float)
         return np.column_stack(
             [np.interp(at, self.time, v, left=np.nan, right=np.nan) for v in self.vel_w.T]
+        )
+
+    def moved_at(self, time: ArrayLike) -> FloatArray:
+        """Return how far the antenna has come since the beginning [m], shape (m, 3); or NaN."""
+        at, step = np.asarray(time, dtype=float), np.diff(self.time)[:, None]
+        parts = 0.5 * (self.vel_w[1:] + self.vel_w[:-1]) * step
+        moved = np.vstack([np.zeros(3), np.cumsum(parts, axis=0)])
+        return np.column_stack(
+            [np.interp(at, self.time, s, left=np.nan, right=np.nan) for s in moved.T]
         )
 
 
@@ -135,6 +147,40 @@ def inertial_track(
     vel_v[:, 0] = np.interp(node, time, speed)
     vel_v += np.cross(at_node, np.asarray(lever_v, dtype=float))
     return LocalTrack(node, C_wv, np.einsum("nij,nj->ni", C_wv, vel_v), "odometer and gyros")
+
+
+def rate_at_rest(
+    stream: InertialStream, time: ArrayLike, speed: ArrayLike, until: float
+) -> FloatArray:
+    """Return what the gyros show while the wheels stand: their bias, and the Earth's rate.
+
+    Parameters
+    ----------
+    stream : InertialStream
+    time, speed : array_like, shape (n,)
+        The odometer [s], [m/s].
+    until : float
+        Later standstills are not known yet [s].
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        Mean of the last standstill of two seconds or more [rad/s]; zero if there was none.
+    """
+    time, speed = np.asarray(time, dtype=float), np.asarray(speed, dtype=float)
+    moving = np.concatenate([[-1], np.flatnonzero(np.abs(speed) > _STANDS), [time.size]])
+    for last in range(len(moving) - 2, -1, -1):
+        first, end = moving[last] + 1, moving[last + 1] - 1
+        if end <= first or time[first] + _SHORTEST_REST > until:
+            continue
+        # Wheels stop turning a little after and before the car rocks on its springs.
+        begin, stop = time[first] + 0.5, min(time[end], until) - 0.5
+        if stop - begin < _SHORTEST_REST - 1.0:
+            continue
+        samples = slice(*np.searchsorted(stream.edges[:-1], [begin, stop]))
+        if samples.stop - samples.start >= 10:
+            return np.asarray(stream.gyro[samples].mean(axis=0))
+    return np.zeros(3)
 
 
 def _nodes(time: FloatArray, start: float, end: float, what: str) -> FloatArray:

@@ -18,20 +18,24 @@ size against the residuals: 4 cm²/s² of noise for a drift of 1e6 m/s.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy  # scipy.linalg is slow to import: left until it is used
 from numpy.typing import ArrayLike, NDArray
 
 from ..filters.errors import AlignmentError, ConfigError, DataError
 from ..filters.rotation import FloatArray
 from .solver.constraints import lift
+from .solver.elimination import eliminated
 
 if TYPE_CHECKING:
     from ..velocity.range_rate import DopplerRows
 
+#: 1σ per axis of a position of which nothing is said [m]: a single-point position in a street,
+#: 8 mm/s of Doppler.
+POSITION_SIGMA = 30.0
 #: Clock models, from the stiffest to the loosest.
 CLOCK_MODELS = ("constant", "linear", "random-walk", "per-epoch")
 
@@ -56,6 +60,10 @@ class AlignmentRows:
         Index of the epoch; rows of one epoch share their clock drift.
     time : array_like, shape (k,)
         [s].
+    common : array_like, shape (k, m), optional
+        What 1σ of each error that all rows share does to `z` [m/s], z = … + common @ u with
+        u ~ N(0, I): of the position that lines of sight were computed for, of the speed's scale.
+        They are unknowns like the clock, with what is known of them. Default: none.
     """
 
     e_e: FloatArray
@@ -64,6 +72,7 @@ class AlignmentRows:
     sigma: FloatArray
     epoch: NDArray[np.int64]
     time: FloatArray
+    common: FloatArray | None = None
 
     def __post_init__(self) -> None:
         k = np.size(self.z)
@@ -77,6 +86,9 @@ class AlignmentRows:
                 f"found shape {epoch.shape} of {epoch.dtype}"
             )
         object.__setattr__(self, "epoch", epoch.astype(np.int64))
+        common = np.zeros((k, 0)) if self.common is None else np.asarray(self.common, dtype=float)
+        shape = (k, common.shape[1] if common.ndim == 2 else 0)
+        object.__setattr__(self, "common", _checked("common", common, shape))
         length = np.linalg.norm(self.e_e, axis=1)
         _refuse("e_e", np.abs(length - 1.0) > 1e-3, length, "a unit vector")
         _refuse("sigma", self.sigma <= 0.0, self.sigma, "a positive 1σ")
@@ -100,6 +112,8 @@ class AlignmentRows:
         vel_w: ArrayLike,
         *,
         vel_sigma: float = 0.0,
+        position_sigma: float = POSITION_SIGMA,
+        speed_scale_sigma: float = 0.0,
     ) -> AlignmentRows:
         """Return Doppler rows paired with local velocities.
 
@@ -113,24 +127,91 @@ class AlignmentRows:
             Antenna velocity in local axes at these times [m/s].
         vel_sigma : float
             1σ per axis of it [m/s], added to that of every row.
+        position_sigma : float
+            1σ per axis of the position that the Doppler rows were made with [m]: three unknowns
+            of the window, as far as the rows know their geometry (`DopplerRows.z_by_pos`). What
+            it turns of the lines of sight themselves, 0.003° a kilometre, is left out.
+        speed_scale_sigma : float
+            1σ of the relative error of the velocities' scale, if it is not known; one unknown.
         """
         time, vel_w = np.asarray(time, dtype=float), np.asarray(vel_w, dtype=float)
         _, epoch = np.unique(time, return_inverse=True)
         sigma = np.hypot(doppler.sigma, vel_sigma)
-        return cls(doppler.e_e, vel_w, doppler.z, sigma, epoch, time)
+        common = shared_errors(
+            doppler.z, doppler.z_by_pos, position_sigma=position_sigma,
+            speed_scale_sigma=speed_scale_sigma,
+        )  # fmt: skip
+        return cls(doppler.e_e, vel_w, doppler.z, sigma, epoch, time, common)
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, ArrayLike]) -> AlignmentRows:
+        """Return rows from plain arrays by their names; rows of one time are one epoch.
+
+        Parameters
+        ----------
+        arrays : mapping
+            'e_e', 'vel_w', 'z', 'sigma' and 'time', as above; 'epoch' and 'common' if there are.
+
+        Raises
+        ------
+        DataError
+            If one is missing, or there is another.
+        """
+        names = [field.name for field in fields(cls)]
+        for name in arrays:
+            if name not in names:
+                raise DataError(f"alignment rows: '{name}' is none of {', '.join(names)}")
+        for name in ("e_e", "vel_w", "z", "sigma", "time"):
+            if name not in arrays:
+                raise DataError(f"alignment rows: expected '{name}', found {', '.join(arrays)}")
+        epoch = np.unique(np.asarray(arrays["time"], dtype=float), return_inverse=True)[1]
+        return cls(**{"epoch": epoch, **arrays})  # type: ignore[arg-type]
 
     def take(self, rows: slice | NDArray) -> AlignmentRows:
         """Return the given rows (a slice, a mask or indices)."""
         return AlignmentRows(
             self.e_e[rows], self.vel_w[rows], self.z[rows], self.sigma[rows],
-            self.epoch[rows], self.time[rows],
+            self.epoch[rows], self.time[rows], self.shared[rows],
         )  # fmt: skip
+
+    @property
+    def shared(self) -> FloatArray:
+        """`common`, of no columns where there is none, shape (k, m)."""
+        assert self.common is not None  # __post_init__ has seen to it
+        return self.common
+
+    def reach(self, sigmas: float) -> FloatArray:
+        """Return how far shared errors of so many σ move rows against their middle [m/s]."""
+        apart = self.shared - self.shared.mean(axis=0)
+        return np.asarray(sigmas * np.sqrt(np.sum(apart * apart, axis=1)))
 
     def correlated(self, count: float) -> AlignmentRows:
         """Return the rows with the σ that makes `count` of them weigh as much as one."""
         if not 1.0 <= count < np.inf:
             raise ConfigError(f"alignment rows: expected correlated ≥ 1, found {count!r}")
         return self if count == 1.0 else replace(self, sigma=self.sigma * np.sqrt(count))
+
+
+def shared_errors(
+    z: FloatArray, z_by_pos: FloatArray | None, *, position_sigma: float, speed_scale_sigma: float
+) -> FloatArray:
+    """Return what 1σ of position and speed scale do to rows [m/s], shape (k, m).
+
+    Rows made at p + δp have z that is larger by ∂z/∂p·δp. Velocities s times too small leave
+    e·C v (1 + s): s·(z − level), since e·C v is z less the clock, which takes up the level.
+    """
+    if not (0.0 <= position_sigma < np.inf and 0.0 <= speed_scale_sigma < np.inf):
+        raise ConfigError(
+            "alignment rows: expected position_sigma ≥ 0 m and speed_scale_sigma ≥ 0, found "
+            f"{position_sigma!r} and {speed_scale_sigma!r}"
+        )
+    columns = np.zeros((z.size, 0))
+    if z_by_pos is not None and position_sigma > 0.0:
+        columns = position_sigma * z_by_pos
+    if speed_scale_sigma > 0.0 and z.size:
+        scale = speed_scale_sigma * (z - np.median(z))
+        columns = np.hstack([columns, scale[:, None]])
+    return columns
 
 
 def _checked(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
@@ -221,7 +302,8 @@ class AlignmentProblem:
     information : float
         Σ 1/σ² over the rows [s²/m²].
     nuisance : ndarray, shape (m, 10)
-        Nuisance parameters as a function of x: the clock's first, cδṫ [m/s].
+        Nuisance parameters as a function of x: the clock's first, cδṫ [m/s]; last, in units of
+        their σ, those that `AlignmentRows.common` is about.
     """
 
     Q: FloatArray
@@ -247,35 +329,6 @@ def design_matrix(rows: AlignmentRows) -> FloatArray:
     """Return B with ``B @ x == e·C_ew v_w − z``, the residual before the clock, shape (k, 10)."""
     outer = rows.vel_w[:, :, None] * rows.e_e[:, None, :]
     return np.hstack([outer.reshape(len(rows), 9), -rows.z[:, None]])
-
-
-def project_out(matrix: ArrayLike, columns: ArrayLike) -> tuple[FloatArray, int]:
-    """Return `matrix` orthogonal to `columns`, and the rank of those.
-
-    The projection is applied twice: once leaves eps times the part removed, which for a clock of
-    1e6 m/s is more than the residuals.
-
-    Parameters
-    ----------
-    matrix : array_like, shape (k, p)
-    columns : array_like, shape (k, m)
-        May be dependent.
-    """
-    left = np.asarray(matrix, dtype=float)
-    basis = _orthonormal_basis(np.asarray(columns, dtype=float))
-    for _ in range(2):
-        left = left - basis @ (basis.T @ left)
-    return left, basis.shape[1]
-
-
-def _orthonormal_basis(columns: FloatArray) -> FloatArray:
-    size = np.linalg.norm(columns, axis=0)
-    columns = columns[:, size > 0.0] / size[size > 0.0]
-    if columns.size == 0:
-        return np.zeros((columns.shape[0], 0))
-    q, r, _ = scipy.linalg.qr(columns, mode="economic", pivoting=True, check_finite=False)
-    diagonal = np.abs(np.diag(r))
-    return q[:, : int(np.sum(diagonal > 1e-12 * diagonal[0]))]
 
 
 def build_problem(
@@ -313,23 +366,24 @@ def build_problem(
     extra = np.zeros((k, 0)) if nuisance is None else np.asarray(nuisance, dtype=float)
     if extra.ndim != 2 or extra.shape[0] != k:
         raise DataError(f"nuisance: expected shape ({k}, m), found {extra.shape}")
-    columns = clock.whiten(rows, np.hstack([clock.columns(rows), extra]))
+    # What is shared stands last, with a row of its own that says how large it may be.
+    columns = [clock.columns(rows), extra, rows.shared]
     # Every model has a constant drift among its columns. What is taken off first costs no digits.
     level = float(np.median(rows.z))
-    design = clock.whiten(rows, design_matrix(replace(rows, z=rows.z - level)))
-    projected, rank = project_out(design, columns)
-    if np.linalg.norm(projected[:, :9]) <= 1e-12 * float(np.linalg.norm(design)):
+    design = design_matrix(rows)
+    design[:, 9] += level
+    stack = clock.whiten(rows, np.hstack([*columns, design]))
+    m, shared = stack.shape[1] - 10, rows.shared.shape[1]
+    if shared:
+        stack = np.vstack([stack, np.eye(shared, m + 10, m - shared)])
+    parameters, factor, rank = eliminated(stack, m)
+    if np.linalg.norm(factor[:, :9]) <= 1e-12 * float(np.linalg.norm(stack[:, m:])):
         raise AlignmentError(
             "the rows say nothing about the attitude: the vehicle stands still, or the clock "
             "model takes up every row — wait for motion, or use a stiffer clock model"
         )
-    factor = np.zeros((10, 10))
-    (triangular,) = scipy.linalg.qr(projected, mode="r", check_finite=False)
-    factor[: min(k, 10)] = triangular[:10]
-    # z = e·C v_w + columns @ parameters, hence B @ x + columns @ parameters ≈ 0.
-    parameters = -np.asarray(np.linalg.lstsq(columns, design, rcond=1e-12)[0], dtype=float)
     parameters[: clock.drifts(rows), 9] -= level
     return AlignmentProblem(
-        factor.T @ factor, factor, int(k / correlated) - rank - 3,
+        factor.T @ factor, factor, int(k / correlated) + shared - rank - 3,
         float(np.sum(rows.sigma**-2.0)), parameters,
     )  # fmt: skip

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..filters.errors import AlignmentError
 from ..filters.rotation import FloatArray
@@ -40,6 +41,8 @@ class Ask(StrEnum):
     RIVALS = "rivals"
     #: Where rows were rejected, or some contradict: does no satellite carry the attitude by itself?
     SEPARATION = "separation"
+    #: Without a position: is the truth proved to be in a smaller ball than was known?
+    LOCATED = "located"
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,8 @@ class AlignmentResult:
     observability : Observability
     problem : AlignmentProblem
         What was minimised.
+    inliers : ndarray of bool, shape (k,), or None
+        The rows it rests on, where these were searched for.
     """
 
     C_ew: FloatArray
@@ -104,6 +109,7 @@ class AlignmentResult:
     rivals: LocalMinima
     observability: Observability
     problem: AlignmentProblem
+    inliers: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
         failed = f"not {', '.join(v.name for v in self.failed)}"

@@ -23,6 +23,8 @@ from .result import AlignmentResult, Ask, Verdict
 from .row_selection import Mask, RowStack, clock_wander, select_rows
 from .verdict import VerdictLimits, align
 
+#: Parts of the range of an error that rows share, at most.
+_PARTS = 8
 #: Radius that excludes nothing [rad].
 _ANYWHERE = 1e-3
 #: Rows of a part from which a drift of its own costs little: of four, chance unites one or two.
@@ -228,11 +230,15 @@ def _proofs(
             which: Mask, required: float, radius: float,
             shared: _Shared = shared, weight: FloatArray = weight,
         ) -> ConsensusProof:  # fmt: skip
-            return prove_consensus(
-                rows.take(which), C_ew, required, cutoff=options.support, radius=radius,
-                parts=shared.parts[which], slack=shared.slack, max_cells=options.max_cells,
-                weight=weight[which], priors=priors,
-            )  # fmt: skip
+            for part, reach in _parts(rows, options.support):
+                proof = prove_consensus(
+                    part.take(which), C_ew, required, cutoff=options.support, radius=radius,
+                    parts=shared.parts[which], slack=shared.slack + reach[which],
+                    max_cells=options.max_cells, weight=weight[which], priors=priors,
+                )  # fmt: skip
+                if not proof.proved:
+                    break
+            return proof
 
         total, rejected = float(weight.sum()), float(weight[~found.inliers].sum())
         count = float(weight[found.supporting].sum())
@@ -289,6 +295,25 @@ def _sharings(rows: AlignmentRows, clock: ClockModel, options: RobustOptions) ->
     short = _Shared(parts, wander * float(np.sqrt(longest / span)))
     many = len(rows) >= _MANY * (int(parts.max()) + 1)
     return [short, whole] if many else [whole, short]
+
+
+def _parts(rows: AlignmentRows, support: float) -> list[tuple[AlignmentRows, FloatArray]]:
+    """Return the rows for parts of the range of what they share, and how far that moves each.
+
+    ±3σ, whatever the rotation. The largest of these errors is taken in parts of the size of what a
+    row may be off by: together they are what it may be, and none is as wide.
+    """
+    shared = rows.shared
+    if not shared.shape[1]:
+        return [(rows, np.zeros(len(rows)))]
+    apart = 3.0 * np.abs(shared - shared.mean(axis=0))
+    largest = int(np.argmax(apart.max(axis=0)))
+    widest = float(apart[:, largest].max()) / (0.25 * support * float(np.median(rows.sigma)))
+    count = int(np.clip(np.ceil(widest), 1, _PARTS))
+    reach = np.sqrt(np.sum(np.delete(apart, largest, axis=1) ** 2, axis=1))
+    reach += apart[:, largest] / count
+    middles = 3.0 * (2.0 * np.arange(count) + 1.0 - count) / count
+    return [(replace(rows, z=rows.z - u * shared[:, largest]), reach) for u in middles]
 
 
 def _consensus_verdict(

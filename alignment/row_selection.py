@@ -63,6 +63,7 @@ class RowStack:
             if extra.ndim != 2 or extra.shape[0] != len(rows):
                 raise DataError(f"nuisance: expected shape ({len(rows)}, m), found {extra.shape}")
             columns = np.hstack([columns, extra])
+        columns = np.hstack([columns, rows.shared])
         design = design_matrix(rows)
         # The clock takes up any constant; a small one keeps the weak rows below harmless.
         design[:, 9] += np.median(rows.z)
@@ -73,6 +74,8 @@ class RowStack:
             wander = np.zeros((len(increments), m + 10))
             wander[:, 1 : 1 + len(increments)] = increments
             believed.append(wander)
+        shared = rows.shared.shape[1]
+        believed.append(np.eye(shared, m + 10, m - shared))
         believed += [np.hstack([np.zeros((len(p.rows), m)), p.rows]) for p in priors]
         measured = np.hstack([columns, design]) / rows.sigma[:, None]
         return cls(measured, np.vstack(believed), m)
@@ -172,7 +175,7 @@ def clock_gates(rows: AlignmentRows, clock: ClockModel, cutoff: float) -> Iterat
     if clock.kind not in ("constant", "random-walk"):
         return
     half = np.linalg.norm(rows.vel_w, axis=1) * np.linalg.norm(rows.e_e, axis=1)
-    half += cutoff * rows.sigma + clock_wander(rows, clock)
+    half += cutoff * rows.sigma + clock_wander(rows, clock) + rows.reach(3.0)
     low, high = -rows.z - half, -rows.z + half
     points = np.unique(low)
     counts = np.sum((low <= points[:, None]) & (high >= points[:, None]), axis=1)

@@ -82,12 +82,13 @@ def align(
 ) -> AlignmentResult:
     """Find the attitude of the local frame from Doppler rows with local velocities, and judge it.
 
-    Every row is believed; `alignment.robust.align_robust` finds out which may be.
+    Every row is believed; `alignment.robust.align_robust` finds out which may be, and
+    `alignment.entrance.align` takes plain arrays, too.
 
     Parameters
     ----------
     rows : AlignmentRows
-        `AlignmentRows.paired` makes them of Doppler and local velocities.
+        `AlignmentRows.paired` makes them of Doppler and local velocities, with the position's σ.
     clock : ClockModel, optional
         Default: one drift for the whole window.
     nuisance : array_like, shape (k, m), optional

@@ -21,8 +21,10 @@
 
     formats/         one module a public recording or file format
     great/           the GREAT dataset: reader, options, import, catalogue, writer
+    solutions/       results of other programs, whatever their format
     own/             a user's own files by declaration, ``sequence.toml``
     simulation/      a car in a city under a sky, with the truth
+    receivers/       receivers' own files: messages of raw logs, a file by itself
     rtklib/          RINEX, orbits, single-point and relative positions
     text/            numbers, tables and columns as instruments write them
 

@@ -1,10 +1,13 @@
-"""Inertial axes that measure nothing for a while: frozen at one value, or clipped at a limit.
+"""What a log of inertial samples lacks: axes frozen at one value or clipped, samples polled twice.
 
 A sensor has three axes and each its own range and its own register: two that are clipped are not
 believed because the third still moves. Equal values in a row are no fault by themselves. Exact data
 repeat at rest, a log may be printed faster than the sensor reports, and where one step of the
 converter is as large as the noise, values stay the same for long; so a run has to be longer than
 chance makes it in that axis.
+
+A logger that polls a sensor out of step reads some samples twice and misses others. What vibrates
+then does not average out: in place of a missed sample another one counts twice.
 """
 
 from __future__ import annotations
@@ -34,6 +37,56 @@ _HITS, _PILED = 10, 3.0
 _FAR = (0.1, 0.8)
 #: A clipped signal dips below the limit for so long [s]; shorter clipping changes nothing [s].
 _DIP, _CLIPPED = 0.1, 0.05
+
+
+#: Polled twice is one row in so many at least, and in so many at most: what repeats every other row
+#: is printed faster than measured, and misses nothing.
+_TWICE = (1e-3, 0.25)
+
+
+@dataclass(frozen=True)
+class Polled:
+    """Samples read twice, and the noise of those that were missed.
+
+    Attributes
+    ----------
+    share : float
+        Of rows that repeat the one before in all axes.
+    gyro_density, accel_density : float
+        What they add to the white noise of an axis, in the mean of the three [rad/s/√Hz],
+        [m/s²/√Hz].
+    """
+
+    share: float
+    gyro_density: float
+    accel_density: float
+
+
+def polled(imu: ImuData) -> Polled | None:
+    """Return the noise of samples polled twice; None where next to none is.
+
+    A sample x of an interval T that counts twice adds (x − x̄)T to the integral, x̄ the mean around
+    it, one that is missed takes as much away; in the long run there are as many of these. With r of
+    either in a second their sum grows like white noise of density √(2r) T σ. σ² is half the mean
+    square of the steps to the rows before and behind, which is all that is known of x − x̄ there.
+
+    Parameters
+    ----------
+    imu : ImuData
+    """
+    x = np.hstack([imu.gyro_b, imu.accel_b])
+    if len(x) < _EQUAL_ROWS:
+        return None
+    step = np.diff(x, axis=0)
+    same = (step == 0.0).all(axis=1)
+    alone = np.flatnonzero(same[1:-1] & ~same[:-2] & ~same[2:]) + 1
+    share = alone.size / len(same)
+    if not _TWICE[0] <= share <= _TWICE[1]:
+        return None
+    around = 0.25 * (step[alone - 1] ** 2 + step[alone + 1] ** 2)
+    rate = 2.0 * share * imu.interval * around.mean(axis=0)
+    gyro, accel = np.sqrt(rate[:3].mean()), np.sqrt(rate[3:].mean())
+    return Polled(share, float(gyro), float(accel))
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..filters.errors import ConfigError, DataError
 from .fix_faults import screened
+from .imu_faults import polled
 from .sequence import Sequence
 
 
@@ -85,6 +86,10 @@ FORMATS: dict[str, Format] = {
     ),
     "tumsat": Format("formats.tumsat", "tumsat", "GNSSTCData*.mat with IMUData*.mat"),
     "spirent": Format("formats.instinct", "spirent", "Rover-*_MO_*.obs with *_PVA_*.csv"),
+    "ppc": Format("own.ppc", "ppc", "rover.obs, base.obs, base.nav with imu.csv"),
+    "receiver": Format(
+        "receivers.receiver_file", "receiver_file", "a receiver's log or RINEX, itself named"
+    ),
 }
 
 
@@ -97,7 +102,7 @@ def recognise(path: str | Path) -> str:
     """Return the name of the format a folder is in.
 
     A declaration goes before everything else the folder may look like; it may also be named
-    itself (``drive.toml``).
+    itself (``drive.toml``), and so may a receiver's log or RINEX observations.
 
     Raises
     ------
@@ -110,6 +115,8 @@ def recognise(path: str | Path) -> str:
     if folder.is_file() and folder.suffix == ".toml":
         return "declared"
     if not folder.is_dir():
+        if FORMATS["receiver"].detect(folder):
+            return "receiver"
         raise DataError("expected a folder, found a file", file=folder, remedy="name its folder")
     known = formats()
     found = [name for name, kind in known.items() if kind.detect(folder)]
@@ -155,6 +162,25 @@ def _which_of(inside: list[tuple[str, str]]) -> str:
     return text
 
 
+def _with_precise(sequence: Sequence, products: Any) -> Sequence:
+    """Return a recording with satellite states of precise products."""
+    from .rtklib import precise_observations
+
+    if isinstance(products, str | Path):
+        products = (products,)
+    if not (
+        isinstance(products, list | tuple) and all(isinstance(p, str | Path) for p in products)
+    ):
+        raise ConfigError(f"data.precise: expected names of files, found {products!r}")
+    if sequence.observations is None:
+        raise DataError(
+            f"{sequence.name}: no satellite observations for the precise ephemerides",
+            remedy="leave data.precise out",
+        )
+    observations, note = precise_observations(sequence.observations, products)
+    return dataclasses.replace(sequence, observations=observations, notes=(*sequence.notes, note))
+
+
 def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequence:
     """Return the recording in a folder.
 
@@ -167,7 +193,8 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
         The reader's own; see `GreatOptions`, `read_smartloc`, `read_kfgins`, `read_comma2k19`,
         `read_oakville`, `read_rtklibexplorer`, `read_tumsat`,
         `datasets.formats.instinct.read_spirent`. A declaration takes none: everything is in the
-        file.
+        file. Every reader of satellite observations takes ``precise``: files of precise
+        ephemerides, SP3 orbits and RINEX clocks (`datasets.rtklib.precise`).
 
     Raises
     ------
@@ -181,11 +208,33 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
         raise ConfigError.unknown_key(format, known, where="format")
     name = recognise(path) if format is None else format
     reader = known[name]
+    products = options.pop("precise", ())
     for key in options:
         if key not in reader.options:
-            raise ConfigError.unknown_key(key, reader.options, where=f"options of {name}")
+            taken = (*reader.options, "precise")
+            raise ConfigError.unknown_key(key, taken, where=f"options of {name}")
     sequence = reader.read(path, **options)
     if sequence.fixes is not None:
         sequence = dataclasses.replace(sequence, fixes=screened(sequence.fixes))
+    sequence = _with_polled_noise(sequence)
+    if products:
+        sequence = _with_precise(sequence, products)
     how = "as told" if format is not None else f"recognised by {reader.looks_like}"
     return dataclasses.replace(sequence, notes=(f"read as {name}, {how}", *sequence.notes))
+
+
+def _with_polled_noise(sequence: Sequence) -> Sequence:
+    """Return the recording with the noise in its IMU of samples polled twice, or missed."""
+    found = None if sequence.imu is None else polled(sequence.imu)
+    if found is None:
+        return sequence
+    spec = sequence.calibration.imu
+    more = spec.with_noise(found.gyro_density, found.accel_density, "samples polled twice")
+    said = (
+        f"IMU: {100.0 * found.share:.1f} % of the rows repeat the one before: polled out of step, "
+        f"others are missed; white noise {spec.gyro_arw_deg_sqrth:.3g} → "
+        f"{more.gyro_arw_deg_sqrth:.3g} deg/√h, {spec.accel_vrw_mps_sqrth:.3g} → "
+        f"{more.accel_vrw_mps_sqrth:.3g} m/s/√h"
+    )
+    calibration = dataclasses.replace(sequence.calibration, imu=more)
+    return dataclasses.replace(sequence, calibration=calibration, notes=(*sequence.notes, said))

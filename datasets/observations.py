@@ -53,6 +53,8 @@ class GnssObservations:
     label : array_like of str, shape (n,), optional
         What a data set says of the path: 'los', 'nlos', or '' where it says nothing. Nothing in
         the pipeline uses it; it is there to judge by.
+    noise_factor : array_like, shape (n,), optional
+        1σ of the range rate over what C/N0 alone says: 1, or as fits the row's constellation.
     """
 
     time: FloatArray
@@ -72,6 +74,7 @@ class GnssObservations:
     azimuth: FloatArray
     rejected: StrArray
     label: StrArray = field(default_factory=lambda: np.empty(0, dtype="U4"))
+    noise_factor: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         time = checked("observations", "time", self.time, (-1,))
@@ -79,6 +82,9 @@ class GnssObservations:
         ordered("observations", time, strictly=False)
         if np.size(self.label) == 0:
             freeze(self, label=np.full(n, "", dtype="U4"))
+        if np.size(self.noise_factor) == 0:
+            freeze(self, noise_factor=np.ones(n))
+        freeze(self, noise_factor=checked("observations", "noise_factor", self.noise_factor, (n,)))
         for name in ("sat", "signal", "rejected", "label", "loss_of_lock"):
             value = np.asarray(getattr(self, name))
             if value.shape != (n,):

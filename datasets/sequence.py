@@ -116,6 +116,8 @@ class Sequence:
         'relative' when the files hold no date; everything but satellite work is then possible.
     notes : tuple of str
         What the reader converted, assumed on whose word, or left out; printed in the report.
+    logs : tuple of str
+        What was found in receivers' own logs, a line each.
     """
 
     name: str
@@ -130,6 +132,7 @@ class Sequence:
     notes: tuple[str, ...] = ()
     rover_file: Path | None = None
     base: tuple[Path, ...] = ()
+    logs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.observations is None and self.fixes is None:

@@ -27,6 +27,8 @@ class ImuData:
     accel_b : array_like, shape (n, 3)
         Specific force f_ib^b [m/s²] (≈ (0, 0, −9.8) level at rest), mean over the same interval.
 
+    Notes
+    -----
     A sensor that samples instantaneously is turned into means by its reader.
     """
 

@@ -14,9 +14,12 @@ from numpy.typing import ArrayLike
 from .earth import OMEGA_IE_E
 from .error_model import ATT, GYRO_BIAS, VEL
 from .levers import VehiclePoint, lever_velocity, rate_over_earth
-from .measurements import Measurement
+from .measurements import Biases, Measurement
 from .rotation import FloatArray, skew
 from .strapdown import NavState
+
+#: What a vehicle may do all the same for a while, 1σ [m/s]: slide, skid, take a ramp.
+_LARGEST = 3.0
 
 
 def vehicle_velocity(state: NavState, omega_b: ArrayLike, point: VehiclePoint) -> FloatArray:
@@ -75,7 +78,7 @@ def non_holonomic(
     vel_v = vehicle_velocity(state, omega_b, point)
     H = _vehicle_jacobian(state, states, omega_b, point)
     R = np.diag(np.broadcast_to(np.asarray(sigma, dtype=float), (2,)) ** 2)
-    return Measurement(-vel_v[1:], H[1:], R)
+    return Measurement(-vel_v[1:], H[1:], R, Biases(("sideslip", "heave"), np.eye(2), _LARGEST))
 
 
 def odometer(
@@ -103,7 +106,8 @@ def odometer(
     forward = float(vehicle_velocity(state, omega_b, point)[0])
     H = (1.0 + scale) * _vehicle_jacobian(state, states, omega_b, point)[:1]
     H[0, -1] = forward
-    return Measurement(np.array([speed - (1.0 + scale) * forward]), H, np.array([[sigma**2]]))
+    z = np.array([speed - (1.0 + scale) * forward])
+    return Measurement(z, H, np.array([[sigma**2]]), Biases(("wheel slip",), np.eye(1), _LARGEST))
 
 
 def zero_velocity(state: NavState, states: int, sigma: float) -> Measurement:

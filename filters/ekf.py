@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +48,16 @@ class Outcome:
     whitened: FloatArray
     nis: float
     limit: float
+
+
+class Follower(Protocol):
+    """What goes along with a filter, told of everything that multiplies its error state."""
+
+    def predict(self, time: float, phi: FloatArray, P: FloatArray) -> None:
+        """Error state multiplied by `phi`; P is the covariance at `time` [s] after it."""
+
+    def correct(self, P: FloatArray, measurement: Measurement) -> None:
+        """Measurement that was applied; P is the covariance before it."""
 
 
 #: What moves the antenna so that GNSS shows its place and delay is a mean over so long [s].
@@ -134,6 +145,7 @@ class ErrorStateFilter:
         self._cursor = np.array([1.0, state.time + self._period])
         self._record_now()
         self.tape = Tape() if smoothing else None
+        self._follower: Follower | None = None
         self._phi = np.zeros((n, n) if smoothing else (0, 0))
         if self.tape is not None:
             self.tape.row(self._rows[0])
@@ -164,6 +176,11 @@ class ErrorStateFilter:
         coriolis = 2.0 * np.cross(OMEGA_IE_E, self.vel_e)
         accel_e = self.C_eb @ force_b + gravity_e(self.pos_e) - coriolis
         return self.antenna.point(lever_b, accel_e, rate_over_earth(self.C_eb, omega_b))
+
+    def follow(self, follower: Follower) -> None:
+        """Tell `follower` of all that happens from now on."""
+        self._follower = follower
+        self._phi = np.zeros((self.model.size, self.model.size))
 
     @property
     def rows(self) -> FloatArray:
@@ -220,7 +237,7 @@ class ErrorStateFilter:
     def _advance(self, until: float) -> None:
         self._reserve(until)
         before = self.P.copy()
-        if self.tape is not None:
+        if self._phi.size:
             self._phi[:] = np.eye(self.model.size)
         self._sample, omega = kernels.advance(
             self.stream.edges, self.stream.gyro, self.stream.accel, self._sample, self.time, until,
@@ -229,11 +246,13 @@ class ErrorStateFilter:
         )  # fmt: skip
         if until > self.time:
             phi = self.gnss.age(self.P, min(until, self.stream.end) - self.time)
-            if phi is not None and self.tape is not None:
+            if phi is not None and self._phi.size:
                 self._phi[:] = phi @ self._phi
             self.omega_b = omega
             if self.tape is not None:
                 self.tape.predict(before, self._phi.copy(), self.P.copy())
+            if self._follower is not None:
+                self._follower.predict(min(until, self.stream.end), self._phi, self.P)
         self.time = min(until, self.stream.end)
 
     def reconsider(self, P: FloatArray, phi: FloatArray | None = None) -> None:
@@ -246,8 +265,10 @@ class ErrorStateFilter:
             What the error state is multiplied by; default: nothing happens to it.
         """
         if self.tape is not None:
-            phi = np.eye(self.model.size) if phi is None else phi
-            self.tape.predict(self.P.copy(), phi, P.copy())
+            still = np.eye(self.model.size) if phi is None else phi
+            self.tape.predict(self.P.copy(), still, P.copy())
+        if self._follower is not None and phi is not None:
+            self._follower.predict(self.time, phi, P)
         self.P = P
 
     def test(self, measurement: Measurement, gate_probability: float) -> Outcome:
@@ -267,6 +288,8 @@ class ErrorStateFilter:
         """
         outcome = self.test(measurement, gate_probability)
         if outcome.accepted:
+            if self._follower is not None:
+                self._follower.correct(self.P, measurement)
             x, self.P = self._update(self.P, measurement)
             self._feed_back(x)
             self._record_now()

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,35 @@ from .gnss_states import shared_root
 from .levers import AntennaPoint, antenna_point, lever_velocity, rate_over_earth
 from .rotation import FloatArray, skew
 from .strapdown import NavState
+
+#: A reflected signal's Doppler is off by twice the speed at most, 1σ [m/s]: 50 km/h.
+_DOPPLER_LARGEST = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Biases:
+    """What a measurement may be wrong by beyond its noise, and what is known of it already.
+
+    Parameters
+    ----------
+    names : tuple of str, length q
+        One fault each: one satellite's pseudorange, its Doppler, sideslip …
+    dz : ndarray, shape (m, q)
+        Derivative of z with respect to each.
+    largest : float
+        What physics lets each be at most, as 1σ before any data.
+    estimate, noise, lasting : ndarray, shape (q,), optional
+        What measurements say of each among themselves, before the filter is asked: the value, and
+        the 1σ of its error, of the part that is gone after a while and of the part that stays;
+        infinite where they say nothing.
+    """
+
+    names: tuple[str, ...]
+    dz: FloatArray
+    largest: float
+    estimate: FloatArray | None = None
+    noise: FloatArray | None = None
+    lasting: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +59,14 @@ class Measurement:
         Derivative with respect to the error state.
     R : ndarray, shape (m, m)
         Covariance of the measurement noise.
+    biases : Biases, optional
+        What may be wrong with it; the update does not look at it.
     """
 
     z: FloatArray
     H: FloatArray
     R: FloatArray
+    biases: Biases | None = None
 
     def __post_init__(self) -> None:
         for name in ("z", "H", "R"):
@@ -120,7 +152,7 @@ def with_shared_error(
     H = position.H.copy()
     H[:, shared] = root
     R = position.R - np.asarray(shared_cov_e, dtype=float)
-    return Measurement(position.z - root @ np.asarray(estimate, dtype=float), H, R)
+    return replace(position, z=position.z - root @ np.asarray(estimate, dtype=float), H=H, R=R)
 
 
 def velocity(
@@ -169,6 +201,8 @@ def range_rates(
     omega_b: ArrayLike,
     clock: int | None = None,
     clock_drift: float = 0.0,
+    z_by_pos: ArrayLike | None = None,
+    satellites: tuple[str, ...] = (),
 ) -> Measurement:
     """Doppler of satellites of one epoch.
 
@@ -191,17 +225,32 @@ def range_rates(
         Index of the clock drift in the error state.
     clock_drift : float
         Its present estimate [m/s].
+    z_by_pos : array_like, shape (n, 3), optional
+        ∂z/∂p at the position that `z` was computed for, the present estimate [1/s]. Default: it
+        is exact.
+    satellites : tuple of str, length n, optional
+        Where they are named, `Measurement.biases` is that of each one's z [m/s].
     """
     e, sigma = np.asarray(e_e, dtype=float), np.asarray(sigma, dtype=float)
     antenna = velocity(state, states, np.zeros(3), np.eye(3), lever_b, omega_b)
     predicted = -antenna.z
     weight = 1.0 / sigma
     residual = weight * (np.asarray(z, dtype=float) - e @ predicted)
+    H = e @ antenna.H
+    if z_by_pos is not None:
+        H[:, POS] -= np.asarray(z_by_pos, dtype=float)
+    H *= weight[:, None]
     if clock is not None:
-        H = (weight[:, None] * e) @ antenna.H
         H[:, clock] = -weight
-        return Measurement(residual + weight * clock_drift, H, np.eye(len(sigma)))
+        biases = _of_each(satellites, np.diag(weight))
+        return Measurement(residual + weight * clock_drift, H, np.eye(len(sigma)), biases)
     # Complement of the clock's direction: the last columns of a full QR of it.
     free = np.linalg.qr(weight[:, None], mode="complete")[0][:, 1:].T
-    H = free @ (weight[:, None] * e) @ antenna.H
-    return Measurement(free @ residual, H, np.eye(len(sigma) - 1))
+    H = free @ H
+    biases = _of_each(satellites, free * weight)
+    return Measurement(free @ residual, H, np.eye(len(sigma) - 1), biases)
+
+
+def _of_each(satellites: tuple[str, ...], dz: FloatArray) -> Biases | None:
+    names = tuple(f"Doppler of {name}" for name in satellites)
+    return Biases(names, dz, _DOPPLER_LARGEST) if names else None

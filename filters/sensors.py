@@ -91,6 +91,15 @@ class ImuSpec:
         """Turn-on bias σ [m/s²]."""
         return self.accel_bias_turn_on_mg * _MG
 
+    def with_noise(self, gyro: float, accel: float, why: str) -> ImuSpec:
+        """Return the IMU with more white noise [rad/s/√Hz], [m/s²/√Hz], and why."""
+        return dataclasses.replace(
+            self,
+            source=f"{self.source}; {why}",
+            gyro_arw_deg_sqrth=float(np.hypot(self.gyro_noise_density, gyro)) * 60.0 / _DEG,
+            accel_vrw_mps_sqrth=float(np.hypot(self.accel_noise_density, accel)) * 60.0,
+        )
+
     def bias_walk_density(self, sigma: float) -> float:
         """Return the driving noise [unit/√s] that keeps an in-run bias at `sigma`.
 

@@ -12,6 +12,8 @@ neither feedback nor an EKF (rlabbe/filterpy#317), which is why this one is ours
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from .compiled import rows as layout
@@ -69,6 +71,70 @@ def smooth(tape: Tape, P: FloatArray) -> FloatArray:
         else:
             rows.append(_corrected(entry[0], e, P))
     return np.array(rows[::-1])
+
+
+#: Later data whose position is so many times less certain than that of the earlier ones have none
+#: to speak of: their share in the information, 1σ thirty times as large.
+_SHARE = 1e-3
+
+
+class Separation(NamedTuple):
+    """What earlier and later data say of the position, against both together.
+
+    Parameters
+    ----------
+    time : ndarray, shape (m,)
+        [s].
+    pos_e : ndarray, shape (m, 3)
+        Smoothed [m].
+    forward_e, backward_e : ndarray, shape (m, 3)
+        Position from the data before an epoch alone, less the smoothed one; likewise from what the
+        data from it on add to that, NaN where they do not know it in all directions [m], ECEF.
+    chi2 : ndarray, shape (m,)
+        Square of what is between the two, over its covariance: χ² of three degrees of freedom if
+        σ is right; NaN as before.
+    """
+
+    time: FloatArray
+    pos_e: FloatArray
+    forward_e: FloatArray
+    backward_e: FloatArray
+    chi2: FloatArray
+
+
+def separation(tape: Tape, smoothed: FloatArray) -> Separation:
+    """Return forward and backward against combined positions.
+
+    The smoothed position is the mean of two independent ones weighted by their information: the
+    filter's, x_f with P_f, and what the later data make of it, x_b with P_b⁻¹ = P_s⁻¹ − P_f⁻¹:
+
+        x_b − x_f = P_f (P_f − P_s)⁻¹ (x_s − x_f),   P_f + P_b = P_f (P_f − P_s)⁻¹ P_f.
+
+    Parameters
+    ----------
+    tape : Tape
+    smoothed : ndarray, shape (m, ROW_SIZE)
+        `smooth` of it.
+    """
+    forward = np.array([entry[0] for entry in tape.entries if len(entry) == 2])
+    place = slice(layout.ROW_POS, layout.ROW_POS + 3)
+    step = smoothed[:, place] - forward[:, place]
+    root = np.linalg.cholesky(_position_covariance(forward))
+    inverse = np.linalg.inv(root)
+    left = inverse @ _position_covariance(smoothed) @ np.swapaxes(inverse, 1, 2)
+    # In units of the filter's σ, along axes in which both are independent.
+    value, axes = np.linalg.eigh(np.eye(3) - left)
+    known = value[:, 0] > _SHARE
+    value = np.where(known[:, None], value, np.nan)
+    y = np.einsum("mji,mjk,mk->mi", axes, inverse, step)
+    between = np.einsum("mij,mjk,mk->mi", root, axes, y / value)
+    chi2 = np.sum(y**2 / value, axis=1)
+    return Separation(smoothed[:, layout.ROW_TIME], smoothed[:, place], -step, between - step, chi2)
+
+
+def _position_covariance(rows: FloatArray) -> FloatArray:
+    xx, xy, xz, yy, yz, zz = rows[:, layout.ROW_COV : layout.ROW_COV + 6].T
+    return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(-1, 3, 3)
 
 
 def _gain(before: FloatArray, phi: FloatArray, after: FloatArray) -> FloatArray:

@@ -54,6 +54,8 @@ class InertialStream:
     gyro_b, accel_b : array_like, shape (n, 3)
         Mean rate [rad/s] and mean specific force [m/s²] over each interval.
 
+    Notes
+    -----
     The first sample's interval is taken as long as the median one.
     """
 

@@ -2,6 +2,7 @@
 
     config, config_files        what a run is asked, and how it is written down
     solution, notes             what it returns, what it tells
+    signals                     what became of every satellite signal
     installation                how the IMU sits in the vehicle
     learned                     what a run found of that, for the next one
     pipeline, navigator         a whole recording; a live vehicle
@@ -15,7 +16,8 @@
     results/                    the result directory
     page/ report/               what all pages share; the page of a run
     check/ compare/             recordings against physics; methods side by side
-    tune/ windows/              thresholds from data; alignment windows of a recording
+    study/ tune/                the DDIA-VE paper of any drive; settings from data
+    windows/                    alignment windows of a recording
     commands/                   the command line
 
 The names below are imported when they are first asked for.

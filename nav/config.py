@@ -53,6 +53,9 @@ class AlignmentConfig:
         Certified: longest window.
     max_sigma_heading_deg : float
         Certified: 1σ that the heading must have, beyond the verdicts.
+    position_age_s : float
+        Certified: how long before the window's end the latest position may be; ``inf`` takes any.
+        From there on it is carried by the window's own velocity.
     """
 
     method: str = "auto"
@@ -65,12 +68,13 @@ class AlignmentConfig:
     sigma_clock_walk_mps: float = 0.1
     max_window_s: float = 60.0
     max_sigma_heading_deg: float = 1.5
+    position_age_s: float = 2.5
 
     def __post_init__(self) -> None:
         _choice("alignment.method", self.method, ("auto", "certified", "level+course", "given"))
         for name in (
             "min_speed_mps", "sigma_level_deg", "sigma_heading_deg", "sigma_clock_walk_mps",
-            "max_sigma_heading_deg",
+            "max_sigma_heading_deg", "position_age_s",
         ):  # fmt: skip
             _positive(f"alignment.{name}", getattr(self, name))
         if not SHORTEST_WINDOW <= self.max_window_s < float("inf"):
@@ -110,6 +114,9 @@ class FilterConfig:
         Fixed-interval smoothing after the run: every epoch knows all data.
     output_rate_hz : float
         Rate of ``solution.csv``; 0 writes every IMU sample.
+    protection_risk : float
+        Probability with which the position may be off by more than its protection level,
+        horizontally and vertically each, whichever one sensor is wrong; 0: no levels.
     """
 
     states: int = 15
@@ -120,6 +127,9 @@ class FilterConfig:
     patience_s: float = 10.0
     smooth: bool = False
     output_rate_hz: float = 10.0
+    # An error lasts for some 30 s: 1e-4 is one in a hundred hours or so of driving, the rarest
+    # that recordings and simulations can contradict. Smaller is a matter of belief in Gauss.
+    protection_risk: float = 1e-4
 
     def __post_init__(self) -> None:
         if self.states not in (15, 21):
@@ -133,8 +143,16 @@ class FilterConfig:
             )
         if not self.gate_width >= 1.0:
             raise ConfigError(f"filter.gate_width: expected ≥ 1, found {self.gate_width}")
+        if not 0.0 <= self.protection_risk <= 0.1:
+            raise ConfigError(
+                f"filter.protection_risk: expected 0 … 0.1, found {self.protection_risk}"
+            )
         _positive("filter.patience_s", self.patience_s, zero=True)
         _positive("filter.output_rate_hz", self.output_rate_hz, zero=True)
+
+
+#: Constellations by letter: GPS, GLONASS, Galileo, QZSS, BeiDou.
+SYSTEMS = "GREJC"
 
 
 @dataclass(frozen=True)
@@ -152,6 +170,15 @@ class GnssConfig:
         has.
     base_position_e_m : list of three numbers
         ECEF position of the base's antenna; default: what its file says.
+    systems : str
+        Constellations used, by letter: G GPS, R GLONASS, E Galileo, J QZSS, C BeiDou; '': all that
+        the recording has, and of positions relative to a base those that both have.
+    frequencies : int
+        Bands of positions relative to a base, 1 to 3; 0: those that rover and base have.
+    rtk_direction : {'forward', 'backward', 'combined'}
+        How positions relative to a base get their ambiguities: from the past; from the future; or
+        from both, where positions that are fixed both ways and contradict each other count as
+        float.
     velocity : {'auto', 'doppler', 'carried', 'none'}
         Least squares from Doppler, or velocities the set carries; 'auto' prefers Doppler.
     below_four : {'rows', 'ddia', 'off'}
@@ -181,11 +208,16 @@ class GnssConfig:
     code_weak_sigma_m : float
         What reflections add to it at 45 dB-Hz; tenfold at 25 dB-Hz, no less above.
     doppler_sigma_mps, doppler_floor_mps : float
-        Range-rate noise: its thermal part at 45 dB-Hz, and what stays however strong the signal
-        (`velocity.range_rate.DopplerNoise`).
+        Range-rate noise as declared: its thermal part at 45 dB-Hz, and what stays however strong
+        the signal (`velocity.range_rate.DopplerNoise`).
+    near_deg : list of two or three numbers
+        Latitude and longitude, and height [m] if it is known, of where a recording without any
+        position begins; Doppler and odometer find it more closely (`alignment.anywhere`).
+    near_radius_km : float
+        How far from there it may be.
     clock_walk_mps : float
-        Random walk of the receiver's clock drift, a state of the filter [m/s/√s]; 0: it is
-        eliminated from every epoch instead. A receiver's quartz stays well below the default.
+        As declared: random walk of the receiver's clock drift, a state of the filter [m/s/√s]; 0:
+        it is eliminated from every epoch instead. A receiver's quartz stays well below the default.
     doppler_hold_off_s : float
         How long a satellite whose Doppler disagreed with the filter is not believed.
     position_noise : {'fitted', 'declared'}
@@ -193,6 +225,10 @@ class GnssConfig:
         found in a run before the run (`nav.engine.fix_noise`), or as declared. What is too short
         for a fit, or has no velocities, is taken as declared; so are live positions, and those
         with resolved ambiguities. A note says which, and why.
+    velocity_noise : {'fitted', 'declared'}
+        How large the errors of Doppler (by C/N0), of the receiver's clock and of velocities a set
+        carries are: as fits the recording (`nav.engine.velocity_noise`), or as declared. What is
+        too short for a fit is taken as declared; so is live data. A note says which.
     position_correlation_s : float
         As declared: correlation time of the errors of single-point positions, which are then a
         state; 0: each position's error is its own. Positions a set carries are taken as such.
@@ -208,6 +244,9 @@ class GnssConfig:
     position: str = "auto"
     base: str = ""
     base_position_e_m: tuple[float, ...] = ()
+    systems: str = ""
+    frequencies: int = 0
+    rtk_direction: str = "forward"
     velocity: str = "auto"
     below_four: str = "rows"
     forward_motion: str = "auto"
@@ -222,9 +261,12 @@ class GnssConfig:
     code_weak_sigma_m: float = 2.5
     doppler_sigma_mps: float = 0.06
     doppler_floor_mps: float = 0.04
+    near_deg: tuple[float, ...] = ()
+    near_radius_km: float = 100.0
     clock_walk_mps: float = 0.1
     doppler_hold_off_s: float = 1.5
     position_noise: str = "fitted"
+    velocity_noise: str = "fitted"
     position_correlation_s: float = 10.0
     delay_sigma_s: float = 0.0
     position_sigma_scale: float = 1.0
@@ -241,8 +283,27 @@ class GnssConfig:
                 "gnss.base_position_e_m: expected X, Y, Z in metres, found "
                 f"{list(self.base_position_e_m)}"
             )
+        if not set(self.systems) <= set(SYSTEMS):
+            raise ConfigError(
+                f"gnss.systems: expected letters of {', '.join(SYSTEMS)}, found {self.systems!r}"
+            )
+        if self.frequencies not in range(4):
+            raise ConfigError(f"gnss.frequencies: expected 0 to 3, found {self.frequencies}")
+        _choice("gnss.rtk_direction", self.rtk_direction, ("forward", "backward", "combined"))
+        most = (90.0, 360.0, 9000.0)[: len(self.near_deg)]
+        beyond = any(not abs(v) <= m for v, m in zip(self.near_deg, most, strict=False))
+        if len(self.near_deg) not in (0, 2, 3) or beyond:
+            raise ConfigError(
+                "gnss.near_deg: expected latitude and longitude in degrees, and a height in metres "
+                f"if it is known, found {list(self.near_deg)}"
+            )
+        if not 0.0 < self.near_radius_km <= 5000.0:
+            raise ConfigError(
+                f"gnss.near_radius_km: expected up to 5000 km, found {self.near_radius_km:g}"
+            )
         _choice("gnss.velocity", self.velocity, ("auto", "doppler", "carried", "none"))
-        _choice("gnss.position_noise", self.position_noise, ("fitted", "declared"))
+        for name in ("position_noise", "velocity_noise"):
+            _choice(f"gnss.{name}", getattr(self, name), ("fitted", "declared"))
         _choice("gnss.below_four", self.below_four, ("rows", "ddia", "off"))
         _choice("gnss.forward_motion", self.forward_motion, ("auto", "on", "off"))
         _choice("gnss.ionosphere", self.ionosphere, ("broadcast", "off"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -48,3 +49,9 @@ def clock(time: float) -> str:
     """Return a time as files print it: GPS seconds of week, or seconds where there is no date."""
     week = int(time // SECONDS_PER_WEEK)
     return f"{time:.2f} s" if week == 0 else f"SOW {time - week * SECONDS_PER_WEEK:.2f}"
+
+
+def times_in(text: str, near: float) -> list[float]:
+    """Return the GPS times that `clock` wrote into a text [s], in the week of `near`."""
+    week = int(near // SECONDS_PER_WEEK) * SECONDS_PER_WEEK
+    return [week + float(sow) for sow in re.findall(r"SOW (\d+(?:\.\d+)?)", text)]

@@ -10,6 +10,7 @@ import numpy as np
 from ..filters.rotation import FloatArray
 from .installation import Installation
 from .notes import Note
+from .signals import Signals
 
 #: Kinds of update the pipeline offers to the filter.
 UPDATE_KINDS = ("position", "velocity", "doppler", "nhc", "zupt", "zaru", "odometer")
@@ -35,6 +36,8 @@ class Trajectory:
         and down from the estimated to the true attitude; its down component is the heading error.
     std_gyro_bias, std_accel_bias : ndarray, shape (n, 3)
         1σ of the biases.
+    protection : ndarray, shape (n, 2), optional
+        Horizontal and vertical protection level of the position [m], see `Protection`; NaN without.
     """
 
     time: FloatArray
@@ -48,6 +51,11 @@ class Trajectory:
     cov_att_n: FloatArray
     std_gyro_bias: FloatArray
     std_accel_bias: FloatArray
+    protection: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+
+    def __post_init__(self) -> None:
+        if len(self.protection) != len(self):
+            object.__setattr__(self, "protection", np.full((len(self), 2), np.nan))
 
     def __len__(self) -> int:
         return self.time.size
@@ -158,6 +166,83 @@ class FixErrors:
     spread: float
 
 
+@dataclass(frozen=True)
+class Resolution:
+    """Positions relative to a base station: how many are resolved, and how surely.
+
+    Parameters
+    ----------
+    fixed, floating, dgps, single : int
+        Positions with resolved ambiguities, with real-valued ones, of code alone, and those that
+        stayed single-point ones.
+    contradicted : int
+        Of the single-point ones, those that the relative position contradicts, whatever it is
+        called: see `nav.engine.relative`.
+    ratio_median, ratio_p5 : float
+        Of the second-best to the best integer ambiguities of the fixed ones, median and 5 %.
+    systems : str
+    frequencies : int
+        Constellation letters and bands used.
+    direction : {'forward', 'backward', 'combined'}
+    base_apart_m : float
+        From the base's position as taken to where its own pseudoranges have it [m]; NaN: unknown.
+    """
+
+    fixed: int
+    floating: int
+    dgps: int
+    single: int
+    contradicted: int
+    ratio_median: float
+    ratio_p5: float
+    systems: str
+    frequencies: int
+    direction: str
+    base_apart_m: float
+
+
+@dataclass(frozen=True)
+class Protection:
+    """What the protection levels of a trajectory stand for.
+
+    Parameters
+    ----------
+    risk : float
+        Probability of an error beyond the level, horizontally and vertically each.
+    covers : tuple of str
+        What may be wrong without the level being exceeded more often: one of these at a time, and
+        for as long as it likes.
+    lacks : tuple of str
+        What may not, because nothing is known of it beyond its σ.
+    """
+
+    risk: float
+    covers: tuple[str, ...]
+    lacks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """What earlier and later data say of the position, against both together; smoothed runs only.
+
+    Parameters
+    ----------
+    time : ndarray, shape (m,)
+        GPS time [s].
+    forward_n, backward_n : ndarray, shape (m, 3)
+        Position from the data before each epoch, and what the data from it on make of it, less the
+        smoothed one, north, east, down [m]; NaN where the later data do not know it.
+    chi2 : ndarray, shape (m,)
+        Square of what is between the two, over its covariance: χ² of three degrees of freedom, 3
+        on the average, if σ is right.
+    """
+
+    time: FloatArray
+    forward_n: FloatArray
+    backward_n: FloatArray
+    chi2: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class Epochs:
     """What GNSS offered, epoch by epoch.
@@ -182,7 +267,9 @@ class Solution:
     `status` is 'ok'; 'doubtful', where a note says so; 'restarted', where the solution was lost and
     found again; 'lost', where it was not, and ends before the data. `installation` is how the IMU
     sits in the vehicle as known in the end; None where that was not asked. `fix_errors` is None
-    where positions were taken as declared.
+    where positions were taken as declared; `signals` is None where there were no observations,
+    `resolution` where no position is relative to a base, `separation` where nothing was smoothed.
+    `protection` says what the trajectory's protection levels stand for, None where there are none.
     """
 
     name: str
@@ -195,3 +282,7 @@ class Solution:
     status: str = "ok"
     installation: Installation | None = None
     fix_errors: FixErrors | None = None
+    resolution: Resolution | None = None
+    signals: Signals | None = None
+    protection: Protection | None = None
+    separation: Separation | None = None

@@ -1,18 +1,25 @@
 """Time and agreement of the alignment solvers on simulated windows.
 
-    python scripts/alignment_benchmark.py [--runs 1000] [--seed 1] [--json]
+    python scripts/alignment_benchmark.py [--runs 1000] [--seed 1] [--against FOLDER] [--json]
 
 Windows of ten epochs, 2 to 8 satellites in level circles and over hills, 0.01 to 1 m/s of noise
 or none (one in ten). 'certified' counts the windows that are observable; 'agreement' is the share
 in which the fast solver's cost equals the SDP's to 1e-9 of the scale and, where both prove the
-optimum unique, the attitude to 1e-5°.
+optimum unique, the attitude to 1e-5°. 'verdict_us' is from rows to verdict (`certnav.align`), 60
+rows under a random-walk clock; with another checkout, `git worktree add FOLDER COMMIT`, that is
+measured there too, by turns, and the ratio given.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
+import subprocess
+import sys
+import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 
@@ -27,6 +34,47 @@ from certnav.alignment.status import AlignmentStatus
 from certnav.filters.errors import ConfigError
 
 CVXPY_RUNS = 20
+#: Processes by turns, each the median over windows of the best of several.
+TURNS = 5
+FROM_ROWS = """
+import time
+import numpy as np
+from certnav.alignment.problem import ClockModel
+from certnav.alignment.reference.simulation import simulate_window
+from certnav.alignment.verdict import align
+rng, clock = np.random.default_rng(0), ClockModel("random-walk", 0.1)
+windows = [simulate_window(rng, 6, "3d", sigma=0.05, clock_walk=0.1).rows for _ in range(40)]
+best = np.full(len(windows), np.inf)
+for _ in range(15):
+    for k, rows in enumerate(windows):
+        start = time.perf_counter()
+        align(rows, clock)
+        best[k] = min(best[k], time.perf_counter() - start)
+print(1e6 * float(np.median(best)))
+"""
+
+
+def from_rows_us(against: Path | None) -> dict[str, float]:
+    """Time from rows to verdict here and in another checkout, by turns [µs]."""
+    folders = {"verdict_us": Path(__file__).resolve().parents[1]}
+    if against is not None:
+        folders["verdict_before_us"] = against.resolve()
+    found: dict[str, list[float]] = {name: [] for name in folders}
+    with tempfile.TemporaryDirectory() as place:
+        for name, folder in folders.items():
+            (Path(place) / name).mkdir()
+            (Path(place) / name / "certnav").symlink_to(folder)
+        for name in [*folders] * TURNS:
+            paths = {"PYTHONPATH": str(Path(place) / name), "OPENBLAS_NUM_THREADS": "1"}
+            command = [sys.executable, "-c", FROM_ROWS]
+            said = subprocess.run(
+                command, env=os.environ | paths, capture_output=True, text=True, check=True
+            )
+            found[name].append(float(said.stdout))
+    out = {name: round(min(times), 1) for name, times in found.items()}
+    if against is not None:
+        out["verdict_ratio"] = round(out["verdict_before_us"] / out["verdict_us"], 2)
+    return out
 
 
 def problems(runs: int, seed: int) -> list[np.ndarray]:
@@ -84,7 +132,7 @@ def cvxpy_ms(matrices: list[np.ndarray]) -> float | None:
     return round(1e3 * float(np.median(times)), 2)
 
 
-def run(runs: int, seed: int) -> dict:
+def run(runs: int, seed: int, against: Path | None = None) -> dict:
     """All figures."""
     matrices = problems(runs, seed)
     fast, fast_times = timed(lambda Q: fast_minimum(Q, backend="numba"), matrices, 3)
@@ -104,6 +152,7 @@ def run(runs: int, seed: int) -> dict:
     proved = np.array([m.status is AlignmentStatus.CERTIFIED for m in fast])
     return {
         "runs": runs,
+        **from_rows_us(against),
         "solver_us": quantiles_us(fast_times),
         "numpy_us": quantiles_us(plain_times),
         "sdp_ms": round(1e3 * float(np.median(sdp_times)), 2),
@@ -120,9 +169,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--against", type=Path, metavar="FOLDER", help="checkout to compare with")
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     arguments = parser.parse_args()
-    figures = run(arguments.runs, arguments.seed)
+    figures = run(arguments.runs, arguments.seed, arguments.against)
     if arguments.json:
         print(json.dumps(figures))
         return

@@ -26,13 +26,13 @@ SEEN_BY_DATASETS = {"compiled", "earth", "errors", "fault_exclusion", "rotation"
 #: comparing methods, `compare` also has the one that aligns windows.
 NAV = (
     ("commands",),
-    ("check", "compare", "report", "tune", "windows"),
+    ("check", "compare", "report", "study", "tune", "windows"),
     ("learned", "page", "results", "spells"),
     ("evaluation",),
     ("navigator", "pipeline"),
     ("engine",),
     ("_frames", "config_files", "rejections", "rest", "solution", "sweep"),
-    ("config", "installation", "notes"),
+    ("config", "installation", "notes", "signals"),
     ("vehicles",),
 )
 NEIGHBOURS = {("compare", "windows")}

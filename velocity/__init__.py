@@ -11,6 +11,7 @@
     screening          which pairs of satellites to trust
     aided_screening    which satellites to trust when the velocity is roughly known
     doppler_noise      a receiver's noise over C/N0 and elevation, fitted to what it did
+    constellations     their Doppler held against each other: drift, and noise
     phase_rates        range rates from the carrier's phase, and Doppler held against them
     mounting           the IMU's mounting in the vehicle, from straight driving
     tracks             velocities of a recording from every source it has

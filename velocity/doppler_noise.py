@@ -66,6 +66,7 @@ def fit_doppler_noise(
     spread: str = "mad",
     bins: int = 12,
     unknown_cn0: float | None = None,
+    decade_db: float | None = None,
 ) -> NoiseFit:
     """Return the noise model that explains the residuals.
 
@@ -81,14 +82,18 @@ def fit_doppler_noise(
         Bins of equal count, at most; every bin has 30 rows or more.
     unknown_cn0 : float, optional
         Default: the 10 % quantile of `cn0`.
-
-    Where the C/N0 of the bins differ by less than 6 dB, nothing shows how noise depends on it, and
-    the thermal 20 dB per decade are taken.
+    decade_db : float, optional
+        Not fitted but given, as the filter's configuration has 20 for thermal noise [dB].
 
     Raises
     ------
     DataError
         Fewer than 60 rows.
+
+    Notes
+    -----
+    Where the C/N0 of the bins differ by less than 6 dB, nothing shows how noise depends on it, and
+    the thermal 20 dB per decade are taken.
     """
     if spread not in ("mad", "rms"):
         raise ConfigError(f"spread: expected 'mad' or 'rms', found {spread!r}")
@@ -115,8 +120,11 @@ def fit_doppler_noise(
 
     start = np.array([np.log(seen.min()), np.log(np.median(seen)), 20.0])
     low, high = (np.array(bound) for bound in _BOUNDS)
-    if np.ptp(middle) < _MIN_RANGE_DB:
-        low[2], high[2] = 19.999, 20.001
+    if decade_db is None and np.ptp(middle) < _MIN_RANGE_DB:
+        decade_db = 20.0
+    if decade_db is not None:
+        low[2], high[2] = decade_db - 1e-3, decade_db + 1e-3
+        start[2] = decade_db
     start = np.clip(start, low + 1e-6, high - 1e-6)
     fit = least_squares(misfit, start, bounds=(low, high), loss="soft_l1", f_scale=0.1)
     floor, sigma_45, decade = np.exp(fit.x[0]), np.exp(fit.x[1]), fit.x[2]

@@ -134,6 +134,9 @@ class DopplerRows:
         [m/s]; eq. (5) of DDIA-VE with Earth rotation, light time and both clocks' scale in it.
     sigma : ndarray, shape (n,)
         1σ of `z` [m/s].
+    z_by_pos : ndarray, shape (n, 3), or None
+        ∂z/∂p: what an error of the position does to `z`, 0.1 … 0.3 (m/s)/km [1/s]. None in rows
+        made by hand: nothing is known of their geometry.
     """
 
     row: NDArray[np.int64]
@@ -141,12 +144,15 @@ class DopplerRows:
     e_e: FloatArray
     z: FloatArray
     sigma: FloatArray
+    z_by_pos: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "row", np.asarray(self.row, dtype=np.int64))
         object.__setattr__(self, "sat", np.asarray(self.sat, dtype=np.str_))
         for name in ("e_e", "z", "sigma"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
+        if self.z_by_pos is not None:
+            object.__setattr__(self, "z_by_pos", np.asarray(self.z_by_pos, dtype=float))
 
     def __len__(self) -> int:
         return self.z.size
@@ -159,8 +165,9 @@ class DopplerRows:
 
     def take(self, rows: slice | NDArray) -> DopplerRows:
         """Return the given rows (a slice, a mask or indices)."""
+        by_pos = None if self.z_by_pos is None else self.z_by_pos[rows]
         return DopplerRows(
-            self.row[rows], self.sat[rows], self.e_e[rows], self.z[rows], self.sigma[rows]
+            self.row[rows], self.sat[rows], self.e_e[rows], self.z[rows], self.sigma[rows], by_pos
         )
 
 
@@ -245,13 +252,43 @@ def doppler_rows(
     pos_e = pos_e[row] if pos_e.ndim == 2 else pos_e
     sight = line_of_sight(pos_e, observations.sat_pos_e[row], observations.sat_vel_e[row])
     counted, sent = observations.range_rate[row], observations.sat_clock_drift[row]
+    e_e, z = rows_at(sight, pos_e, counted, sent)
+    sigma = (noise or DopplerNoise()).sigma(observations.cn0[row], observations.elevation[row])
+    sigma = sigma * observations.noise_factor[row]
+    by_pos = _by_position(sight, pos_e)
+    return DopplerRows(row, observations.sat[row], e_e, z, sigma, by_pos)
+
+
+def rows_at(
+    sight: LineOfSight, pos_e: FloatArray, counted: FloatArray, sent: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return e/κ and z of range rates, shape (n, 3) and (n,).
+
+    Parameters
+    ----------
+    sight : LineOfSight
+        From `pos_e`.
+    pos_e : ndarray, shape (3,) or (n, 3)
+        Antenna [m].
+    counted, sent : ndarray, shape (n,)
+        Range rates R and the satellites' c·δṫ^s [m/s].
+    """
     satellite = np.sum(sight.e_e * sight.sat_vel_i, axis=-1)
     earth = np.sum(sight.e_e * (pos_e @ OMEGA_IE_SKEW.T), axis=-1)
     stretch = (1.0 + satellite / SPEED_OF_LIGHT) / (1.0 + sent / SPEED_OF_LIGHT)
     kappa = stretch * (1.0 - counted / SPEED_OF_LIGHT)
-    z = (satellite - earth - stretch * (counted + sent)) / kappa
-    sigma = (noise or DopplerNoise()).sigma(observations.cn0[row], observations.elevation[row])
-    return DopplerRows(row, observations.sat[row], sight.e_e / kappa[:, None], z, sigma)
+    return sight.e_e / kappa[:, None], (satellite - earth - stretch * (counted + sent)) / kappa
+
+
+def _by_position(sight: LineOfSight, pos_e: FloatArray) -> FloatArray:
+    """Return ∂z/∂p of rows, to 1e-4 of it: z = e·(v^s − ω×p) + …, ∂e/∂p = −(I − eeᵀ)/ρ.
+
+    Left out are the derivatives of κ and of the turn during light time, both of order v/c.
+    """
+    moved = sight.sat_vel_i - pos_e @ OMEGA_IE_SKEW.T
+    along = np.sum(sight.e_e * moved, axis=-1)
+    across = sight.e_e * along[:, None] - moved
+    return np.asarray(across / sight.range[:, None] - sight.e_e @ OMEGA_IE_SKEW)
 
 
 def elevation_azimuth(e_e: ArrayLike, pos_e: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -211,7 +211,7 @@ def align_inertial(
     pos_e = np.asarray(pos_e, dtype=float)
     doppler = inertial_doppler(
         observations.take(inside), pos_e[inside] if pos_e.ndim == 2 else pos_e, options.noise,
-        time=when[inside], interval=options.interval,
+        time=when[inside], interval=options.interval, position_sigma=options.position_sigma,
     )  # fmt: skip
     found = align_epochs(ImuParts(stream), doppler, lever_b, options)
     return replace(found, source=np.flatnonzero(inside)[found.source])

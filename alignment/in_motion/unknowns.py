@@ -4,6 +4,7 @@
     their scale factors                          as the sensor's specification says
     gyro noise                                   a rate for each eighth of the window, N/√Δt
     receiver clock                               a drift that walks from epoch to epoch
+    position                                     an error of the σ that it comes with
 
 `alignment.in_motion.window` solves for them.
 """
@@ -19,7 +20,7 @@ from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray
 from ...filters.sensors import ImuSpec, imu_preset
 from ...velocity.range_rate import DopplerNoise
-from ..problem import ClockModel
+from ..problem import POSITION_SIGMA, ClockModel
 from ..verdict import VerdictLimits
 
 
@@ -52,6 +53,8 @@ class InertialOptions:
         Residual, in σ of the residual, from which a row is an outlier.
     minority : float
         Share of rows beyond which rejecting them does not pass.
+    position_sigma : float
+        1σ per axis of positions that come with none of their own [m].
     """
 
     imu: ImuSpec = field(default_factory=lambda: imu_preset("adis16470"))
@@ -66,6 +69,7 @@ class InertialOptions:
     robust: bool = True
     cutoff: float = 3.5
     minority: float = 0.1
+    position_sigma: float = POSITION_SIGMA
 
     def __post_init__(self) -> None:
         if not (self.segments >= 1 and self.rounds >= 1 and self.interval >= 0.0):
@@ -77,6 +81,10 @@ class InertialOptions:
             raise ConfigError(
                 "inertial alignment: expected cutoff > 0 and 0 ≤ minority < ½, found "
                 f"{self.cutoff:g} and {self.minority:g}"
+            )
+        if not 0.0 <= self.position_sigma < np.inf:
+            raise ConfigError(
+                f"inertial alignment: position_sigma {self.position_sigma!r}, expected ≥ 0 m"
             )
         if self.gyro_bias_sigma is not None and not 0.0 < self.gyro_bias_sigma < np.inf:
             raise ConfigError(

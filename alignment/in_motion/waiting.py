@@ -251,7 +251,9 @@ def attempts(
     aligner = MotionAligner(stream, lever_b, options)
     for k in np.flatnonzero(inside):
         here = rows.take(slice(first[k], ends[k]))
-        attempt = aligner.add(DopplerEpoch(float(epochs[k]), position[here.row[0]], here))
+        at = position[here.row[0]]
+        known = options.inertial.position_sigma
+        attempt = aligner.add(DopplerEpoch(float(epochs[k]), at, here, known))
         if attempt is not None:
             yield attempt
 

@@ -74,9 +74,12 @@ class Stretch:
         self.prior = np.concatenate([np.asarray(options.gyro_bias, dtype=float), np.zeros(3)])
         #: 1σ of the clock's walk between epochs, and times that go with its rate if it has one.
         self.walk, self.late = _clock(rows, options.clock)
-        #: Number of unknowns: velocity, errors of the sensors, the clock's rate if it has one.
-        self.unknowns = 3 + self.error_sigma.size + bool(self.late.size)
-        self._room = np.empty((self.unknowns + 10, 4 * n + 1))
+        #: Where unknowns that rows share in their own measure stand, and how many these are.
+        self.place, shared = 3 + self.error_sigma.size, rows.common.shape[1]
+        #: Number of unknowns: velocity, errors of the sensors, of the position, the clock's rate
+        #: if it has one.
+        self.unknowns = self.place + shared + bool(self.late.size)
+        self._room = np.empty((self.unknowns + 10, (4 + shared) * n + 1))
         self._last: Window | None = None
 
     def __len__(self) -> int:
@@ -99,14 +102,16 @@ class Stretch:
     ) -> tuple[FloatArray, FloatArray]:
         """Return the triangle over [unknowns; x], and −drift at the end in terms of them."""
         size, rows = W.shape[2], self.rows
-        clock, out, sensor = np.empty(size), np.zeros((size, size)), 3 + self.error_sigma.size
+        sensor, shared = self.place, self.place + self.rows.common.shape[1]
+        clock, out = np.empty(size), np.zeros((size, size))
         count = kernels.without_clock(
-            rows.first, inliers, rows.e_e, self.z, self.sigma, self.walk, 1.0 / _LOOSE, self.late,
-            W, self._room, clock,
+            rows.first, inliers, rows.e_e, self.z, self.sigma, rows.common, self.place, self.walk,
+            1.0 / _LOOSE, self.late, W, self._room, clock,
         )  # fmt: skip
         # What is known beforehand, biases + δ = the prior's among it.
         np.fill_diagonal(out[: self.unknowns], 1.0 / _LOOSE)
         out[range(3, sensor), range(3, sensor)] = 1.0 / self.error_sigma
+        out[range(sensor, shared), range(sensor, shared)] = 1.0
         out[BIASES, -1] = (biases - self.prior) / self.error_sigma[:6]
         kernels.fold(out, self._room, count)
         return out, clock
@@ -261,13 +266,15 @@ class Solved:
             flat[:, m - 1], flat[:, m + 3] = -stretch.late, -stretch.late * found[m - 1]
         # Drifts are as the solution has them, linearised before it turned.
         before = self.window.columns(self.C_before)[:, :, : m + 9] @ found
-        clock = np.sum(rows.e_e * before[rows.epoch], axis=1) + flat[rows.epoch, m + 3]
+        at, q = stretch.place, rows.common.shape[1]
+        own = rows.common @ found[at : at + q]
+        clock = np.sum(rows.e_e * before[rows.epoch], axis=1) + flat[rows.epoch, m + 3] + own
         # A clock that does not walk, by a ten-thousandth of what a row resolves.
         walk = np.maximum(stretch.walk, 1e-4 * stretch.sigma.min())
         out = np.empty(len(stretch))
         kernels.scores(
-            rows.first, self.inliers, rows.e_e, stretch.z, stretch.sigma, walk, 1.0 / _LOOSE,
-            V, flat, clock, self.joint, out,
+            rows.first, self.inliers, rows.e_e, stretch.z, stretch.sigma, rows.common, at, walk,
+            1.0 / _LOOSE, V, flat, own, clock, self.joint, out,
         )  # fmt: skip
         return out
 

@@ -3,7 +3,8 @@
 The unknowns are m of velocity and sensors, x = [vec(C_ew); 1], and a clock drift at each epoch.
 Nothing of it is ever a matrix with a row a measurement:
 
-    rows of an epoch     Householder leaves five of [−1, e, −z]/σ, whatever the satellites
+    rows of an epoch     Householder leaves eight of [−1, e, common, −z]/σ at most, whatever the
+                         satellites; `common` is what all rows share, each in its own measure
     clock                a filter in square root form carries ρ·(drift) + c·[unknowns; x] from epoch
                          to epoch; one rotation an epoch takes the drift out of the rows
     all the rest         Householder folds it into one triangle, which begins as the prior
@@ -52,35 +53,38 @@ def fold(R, M, rows):
 
 
 @njit(cache=True)
-def _reduced(a, b, keep, e, z, sigma, M, small):
+def _reduced(a, b, keep, e, z, sigma, common, M, small):
     """small ← the triangle of the rows a … b − 1 that are kept; return how many these are."""
-    k = np.int64(0)  # of 0 itself numba would make a kernel of its own
+    k, last = np.int64(0), small.shape[0] - 1  # of 0 itself numba would make a kernel of its own
     for r in range(a, b):
         if keep[r]:
-            M[0, k], M[4, k] = -1.0 / sigma[r], -z[r] / sigma[r]
+            M[0, k], M[last, k] = -1.0 / sigma[r], -z[r] / sigma[r]
             for i in range(3):
                 M[1 + i, k] = e[r, i] / sigma[r]
+            for i in range(last - 4):
+                M[4 + i, k] = common[r, i] / sigma[r]
             k += 1
-    for i in range(5):
-        for j in range(5):
+    for i in range(last + 1):
+        for j in range(last + 1):
             small[i, j] = 0.0
     fold(small, M, k)
     return k
 
 
 @njit(cache=True)
-def without_clock(first, keep, e, z, sigma, walk, held, late, W, M, carry):
+def without_clock(first, keep, e, z, sigma, common, at, walk, held, late, W, M, carry):
     """M[column, row] ← rows over [unknowns; x] without the clock; return how many.
 
     W has the columns of each epoch before the line of sight is applied. carry ← −drift at the last
     epoch as a function of [unknowns; x]. `held` is 1/σ of what nothing holds; `late`, if there is
-    any, the time that goes with a clock rate, which is then the last unknown. M needs up to 4n + 1
-    rows.
+    any, the time that goes with a clock rate, which is then the last unknown. What is `common` to
+    all rows are the unknowns from `at` on, q of them. M needs up to (4 + q)n + 1 rows.
     """
     P, most = M.shape[0], 0
     for t in range(first.size - 1):
         most = max(most, first[t + 1] - first[t])
-    small, room = np.zeros((5, 5)), np.zeros((5, most))
+    q = common.shape[1]
+    small, room = np.zeros((5 + q, 5 + q)), np.zeros((5 + q, most))
     rho, rows, alone = held, 0, 0.0
     for c in range(P):
         carry[c] = 0.0
@@ -90,14 +94,16 @@ def without_clock(first, keep, e, z, sigma, walk, held, late, W, M, carry):
             rho = rho * f if f > 0.0 else held
             for c in range(P):
                 carry[c] *= f
-        if not _reduced(first[t], first[t + 1], keep, e, z, sigma, room, small):
+        if not _reduced(first[t], first[t + 1], keep, e, z, sigma, common, room, small):
             continue
-        alone += small[4, 4] ** 2  # of z alone
-        for r in range(4):
+        alone += small[4 + q, 4 + q] ** 2  # of z alone
+        for r in range(4 + q):
             s = small[r]
             for c in range(P):
                 M[c, rows] = s[1] * W[t, 0, c] + s[2] * W[t, 1, c] + s[3] * W[t, 2, c]
-            M[P - 1, rows] += s[4]
+            for i in range(q):
+                M[at + i, rows] += s[4 + i]
+            M[P - 1, rows] += s[4 + q]
             if r == 0:
                 if late.size:
                     M[P - 11, rows] += s[0] * late[t]
@@ -149,15 +155,18 @@ def _smooth(diagonal, coupling, S, variance):
 
 
 @njit(cache=True)
-def scores(first, keep, e, z, sigma, walk, held, V, flat, clock, joint, score):
+def scores(
+    first, keep, e, z, sigma, common, at, walk, held, V, flat, own, clock, joint, score
+):  # fmt: skip
     """score ← |residual| in 1σ of it after the fit of the rows kept, zero where nothing checks one.
 
     V has the columns of each epoch before the line of sight is applied: those of `joint`, the
-    triangle over [unknowns; θ], and the value; `flat` what comes to them for all satellites alike.
+    triangle over [unknowns; θ], and the value; `flat` what comes to them for all satellites alike,
+    `own` what comes to the value of each row by what is `common`, the unknowns from `at` on.
     `clock` is the value that the drifts were found with.
     """
-    n, p = V.shape[0], V.shape[2] - 1
-    S, fitted, row = np.zeros((n, p + 1)), np.zeros((4, p)), np.zeros(p)
+    n, p, q = V.shape[0], V.shape[2] - 1, common.shape[1]
+    S, fitted, row = np.zeros((n, p + 1)), np.zeros((4 + q, p)), np.zeros(p)
     diagonal, coupling, variance = np.zeros(n), np.zeros(n), np.zeros(n)
     for t in range(n):
         for r in range(first[t], first[t + 1]):
@@ -170,6 +179,8 @@ def scores(first, keep, e, z, sigma, walk, held, V, flat, clock, joint, score):
                     for i in range(3):
                         value += e[r, i] * V[t, i, c]
                     S[t, c] += w * value
+                for i in range(q):
+                    S[t, at + i] += w * common[r, i]
         if t == 0 or walk[t - 1] == np.inf:
             diagonal[t] += held * held
     for t in range(n - 1):
@@ -184,15 +195,19 @@ def scores(first, keep, e, z, sigma, walk, held, V, flat, clock, joint, score):
             for i in range(3):
                 fitted[i, c] = V[t, i, c]
             fitted[3, c] = flat[t, c] - S[t, c]
+            for i in range(q):
+                fitted[4 + i, c] = 1.0 if c == at + i else 0.0
         forward_substitute(joint, fitted)
         for r in range(first[t], first[t + 1]):
-            residual, leverage = flat[t, p] - S[t, p] - z[r], 0.0
+            residual, leverage = flat[t, p] - S[t, p] + own[r] - z[r], 0.0
             for i in range(3):
                 residual += e[r, i] * V[t, i, p]
             for c in range(p):
                 row[c] = fitted[3, c]
                 for i in range(3):
                     row[c] += e[r, i] * fitted[i, c]
+                for i in range(q):
+                    row[c] += common[r, i] * fitted[4 + i, c]
                 leverage += row[c] * row[c]
             left = 1.0 - (variance[t] + leverage) / sigma[r] ** 2
             score[r] = 0.0

@@ -115,7 +115,7 @@ def prove_consensus(
     radius: float = np.radians(10.0),
     per_epoch: bool = False,
     parts: ArrayLike | None = None,
-    slack: float = 0.0,
+    slack: ArrayLike = 0.0,
     max_cells: int = 40_000,
     weight: ArrayLike | None = None,
     priors: Iterable[Prior] = (),
@@ -138,9 +138,10 @@ def prove_consensus(
         As for `consensus`.
     parts : array_like of int, shape (k,), optional
         Rows with the same number share a drift, in place of the whole window or an epoch.
-    slack : float
-        How much the drift may wander while it is shared, either way [m/s]; inliers are then
-        counted too generously, which makes the proof harder, not weaker.
+    slack : array_like, shape () or (k,)
+        How much the drift may wander while it is shared, and what all rows share move each of
+        them, either way [m/s]; inliers are then counted too generously, which makes the proof
+        harder, not weaker.
     max_cells : int
         Where to give up; about 10 µs each with 60 rows.
     weight : array_like, shape (k,), optional
@@ -156,7 +157,7 @@ def prove_consensus(
     C_ew = np.asarray(C_ew, dtype=float)
     groups = _groups(rows, per_epoch) if parts is None else Groups.alike(parts)
     # The clock's size costs digits in the sums below, and any constant is as good.
-    z, half = rows.z - np.median(rows.z), cutoff * rows.sigma + slack + 1e-7
+    z, half = rows.z - np.median(rows.z), cutoff * rows.sigma + np.asarray(slack) + 1e-7
     weight, priors = _counted(rows, weight), tuple(priors)
     least = required * (1.0 - 1e-9)  # of sums in another order
     stack, cells = [(np.zeros((1, 3)), np.pi)], 0

@@ -5,7 +5,8 @@ Like `alignment.proofs.proof` this shares nothing with what finds the rotation. 
     z = e·C v − drift + noise,        r = [v ⊗ e, −z]·x,   x = [vec(C); 1],
 
 and Q is what is left of Σ r²/σ² when the drift is the one that suits best: constant, linear in
-time, one for every epoch, or a random walk of variance q²t. The walk is a Kalman filter, row by
+time, one for every epoch, or a random walk of variance q²t; likewise errors that all rows share,
+r + common·u with u² added to the sum. The walk is a Kalman filter, row by
 row in the order of time, of the sums instead of the rows (`alignment.clock_walk` does it in
 floating point). Numbers are integers over 2**256, each division rounded to that: an error that
 some thousand rows of up to 2**80 leave below 2**-100.
@@ -20,9 +21,9 @@ from typing import Any
 #: Bits behind the point.
 _BITS = 256
 _ONE = 1 << _BITS
-#: Clock models, and rows and prior rows that a window may have.
+#: Clock models, and rows, prior rows and shared errors that a window may have.
 CLOCKS = ("constant", "linear", "random-walk", "per-epoch")
-MOST_ROWS, MOST_PRIORS = 10_000, 100
+MOST_ROWS, MOST_PRIORS, MOST_SHARED = 10_000, 100, 10
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class Evidence:
     Attributes
     ----------
     rows : tuple of tuple of float
-        (e₁, e₂, e₃, v₁, v₂, v₃ [m/s], z [m/s], σ [m/s], time [s]).
+        (e₁, e₂, e₃, v₁, v₂, v₃ [m/s], z [m/s], σ [m/s], time [s]), then what 1σ of each shared
+        error does to z [m/s].
     epoch : tuple of int
         Of each row.
     clock : str
@@ -48,11 +50,17 @@ class Evidence:
     q: float
     priors: tuple[tuple[float, ...], ...] = field(default=())
 
+    @property
+    def shared(self) -> int:
+        """Errors that all rows share."""
+        return len(self.rows[0]) - 9
+
     def as_dict(self) -> dict[str, Any]:
         """Return it as it is written: floats in hexadecimal, which is exact."""
         return {
             "clock": self.clock,
             "clock_walk": self.q.hex(),
+            "shared": self.shared,
             "rows": [" ".join(v.hex() for v in row) for row in self.rows],
             "epoch": list(self.epoch),
             "priors": [" ".join(v.hex() for v in row) for row in self.priors],
@@ -67,7 +75,10 @@ def parsed(entry: Any) -> Evidence:
     ValueError, KeyError, TypeError
         If it is something else.
     """
-    rows = tuple(_floats(text, 9) for text in _listed(entry["rows"], MOST_ROWS))
+    shared = entry["shared"]
+    if type(shared) is not int or not 0 <= shared <= MOST_SHARED:
+        raise ValueError(f"expected at most {MOST_SHARED} shared errors")
+    rows = tuple(_floats(text, 9 + shared) for text in _listed(entry["rows"], MOST_ROWS))
     epoch = tuple(_listed(entry["epoch"], MOST_ROWS))
     priors = tuple(_floats(text, 10) for text in _listed(entry["priors"], MOST_PRIORS))
     (q,) = _floats(entry["clock_walk"], 1)
@@ -107,10 +118,14 @@ def cost_matrix(evidence: Evidence) -> list[list[Fraction]]:
     for k, epoch in enumerate(evidence.epoch):
         groups.setdefault(epoch if evidence.clock == "per-epoch" else 0, []).append(k)
     q = evidence.q if evidence.clock == "random-walk" else 0.0
-    Q = [[0] * 10 for _ in range(10)]
+    size = evidence.shared + 10
+    Q = [[0] * size for _ in range(size)]
     for group in groups.values():
         part = _without(_sums(evidence, group, clocks, q), clocks)
         Q = [[a + b for a, b in zip(*rows, strict=True)] for rows in zip(Q, part, strict=True)]
+    for k in range(evidence.shared):
+        Q[k][k] += _ONE
+    Q = _without(Q, evidence.shared)
     for prior in evidence.priors:
         row = [_fixed(v) for v in prior]
         Q = [[Q[i][j] + (row[i] * row[j] >> _BITS) for j in range(10)] for i in range(10)]
@@ -120,12 +135,12 @@ def cost_matrix(evidence: Evidence) -> list[list[Fraction]]:
 def _sums(evidence: Evidence, group: list[int], clocks: int, q: float) -> list[list[int]]:
     """Return Σ of the decorrelated rows' products, the clock's columns first."""
     order = sorted(group, key=lambda k: evidence.rows[k][8])
-    size = clocks + 10
+    size = clocks + evidence.shared + 10
     sums, mean = [[0] * size for _ in range(size)], [0] * size
     variance, before, walk = 0, evidence.rows[order[0]][8], Fraction(q) ** 2
     start = Fraction(before)
     for k in order:
-        *_, sigma, time = evidence.rows[k]
+        sigma, time = evidence.rows[k][7:9]
         variance += _fixed(walk * (Fraction(time) - Fraction(before)))
         before, noise = time, _fixed(Fraction(sigma) ** 2)
         total = variance + noise
@@ -142,7 +157,8 @@ def _sums(evidence: Evidence, group: list[int], clocks: int, q: float) -> list[l
 
 def _design(row: tuple[float, ...]) -> list[int]:
     e, v = [Fraction(c) for c in row[:3]], [Fraction(c) for c in row[3:6]]
-    return [_fixed(b * a) for b in v for a in e] + [-_fixed(Fraction(row[6]))]
+    shared = [_fixed(c) for c in row[9:]]
+    return shared + [_fixed(b * a) for b in v for a in e] + [-_fixed(Fraction(row[6]))]
 
 
 def _without(sums: list[list[int]], clocks: int) -> list[list[int]]:

@@ -72,7 +72,7 @@ def evidence_of(
 ) -> Evidence:
     """Return the rows that `alignment.problem.build_problem` makes a cost of, with their σ."""
     rows = rows.correlated(correlated)
-    table = np.column_stack([rows.e_e, rows.vel_w, rows.z, rows.sigma, rows.time])
+    table = np.column_stack([rows.e_e, rows.vel_w, rows.z, rows.sigma, rows.time, rows.shared])
     return Evidence(
         tuple(tuple(row) for row in table.tolist()), tuple(rows.epoch.tolist()),
         clock.kind, float(clock.q or 0.0),

@@ -19,7 +19,7 @@ from .evidence import parsed
 from .proof import Proof
 
 #: First line of a file, so to speak.
-FORMAT, VERSION = "certnav alignment proof", 2
+FORMAT, VERSION = "certnav alignment proof", 3
 #: Limits of a file: bytes, digits of a number, characters of a name, proofs.
 MOST_BYTES, MOST_DIGITS, MOST_CHARACTERS, MOST_PROOFS = 16_000_000, 1_000, 200, 5_000
 _FRACTION = re.compile(rf"-?[0-9]{{1,{MOST_DIGITS}}}(/[0-9]{{1,{MOST_DIGITS}}})?")

@@ -3,7 +3,8 @@
     certifiable        the semidefinite relaxation as published (Song et al.)
     sdp, sdp_cvxpy     its dual through clarabel, and written down a second time for cvxpy
     baselines          VOBA and Gauss–Newton
-    simulation         windows with known truth
+    simulation         windows with known truth, as Song et al. have them
+    earth_windows      the same with the Doppler itself, for alignment without a position
 
 Nothing that navigates uses any of it.
 """

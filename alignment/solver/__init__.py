@@ -4,6 +4,7 @@
     quartic          the cost as a quartic of the quaternion: Gram matrices
     fast_solver      the solver; kernels, margin_kernels (compiled) and fast_numpy do its work
     exact_cost       the same questions in integers, where rounding hides the answer
+    elimination      unknowns that nobody asked for, taken out of rows
     refinement       Newton's method on SO(3)
     attitude_bound   the angle that no rotation which the data allow exceeds
 

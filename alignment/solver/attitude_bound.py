@@ -17,7 +17,7 @@ largest c is therefore the barrier method of the certificate with another right-
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray
@@ -38,7 +38,7 @@ def region_threshold(probability: float = 0.9973, dof: int = 3) -> float:
     With `dof` 9 it bounds f(truth) − f(C) whatever the shape of f, since no minimum over
     rotations is lower than that over all vec(C) in R⁹; with 3 it is the usual linearisation.
     """
-    return float(chi2.ppf(probability, dof))
+    return float(2.0 * gammaincinv(0.5 * dof, probability))  # chi2.ppf takes ten times as long
 
 
 def attitude_bound(minimum: FastMinimum, threshold: float, *, backend: str | None = None) -> float:

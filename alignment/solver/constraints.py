@@ -31,6 +31,10 @@ HOMOGENEOUS: FloatArray = np.diag([0.0] * 9 + [1.0])
 def lift(C: ArrayLike) -> FloatArray:
     """Return x = [vec(C); 1], columns stacked, shape (..., 10) for C of shape (..., 3, 3)."""
     C = np.asarray(C, dtype=float)
+    if C.ndim == 2:
+        x = np.ones(10)
+        x[:9] = C.T.reshape(9)
+        return x
     r = np.swapaxes(C, -1, -2).reshape(*C.shape[:-2], 9)
     return np.concatenate([r, np.ones((*r.shape[:-1], 1))], axis=-1)
 

@@ -39,8 +39,14 @@ def is_pos(path: Path) -> bool:
     return _header(head) is not None
 
 
-def read_pos(path: str | Path) -> GnssFixes:
+def read_pos(path: str | Path, lines: list[str] | None = None) -> GnssFixes:
     """Return the fixes of an RTKLIB solution file.
+
+    Parameters
+    ----------
+    path : path
+    lines : list of str, optional
+        Its lines, where the caller has read them already.
 
     Raises
     ------
@@ -49,7 +55,7 @@ def read_pos(path: str | Path) -> GnssFixes:
         time system, unreadable rows, time not increasing.
     """
     path = Path(path)
-    lines = read_lines(path)
+    lines = read_lines(path) if lines is None else lines
     found = _header(lines[:200])
     if found is None:
         raise DataError(

@@ -66,7 +66,7 @@ class GreatOptions:
     rinex: str | Path | None = None
     navigation: str | Path | Sequence[str | Path] = ()
     base: str | Path | Sequence[str | Path] = ()
-    systems: str = "GREC"
+    systems: str = "GREJC"
     signals: str = "first"
 
     def __post_init__(self) -> None:

@@ -23,11 +23,18 @@ from ...filters.sensors import imu_preset as _spec
 from .. import gpstime
 from ..formats.inertial_explorer import ReferenceTable, read_reference_table
 from ..observations import GnssObservations
-from ..physics import check_gravity, check_gyro, course_of, decide_gyro_unit, gyro_unit_ratio
+from ..physics import (
+    check_gravity,
+    check_gyro,
+    course_of,
+    decide_gyro_unit,
+    gyro_unit_ratio,
+    vertical_rate,
+)
 from ..sequence import Calibration
 from ..sequence import Sequence as Drive
 from ..series import ImuData, Reference
-from ..text.imu import AXES, ImuTable, convert, read_imu_table
+from ..text.imu import ImuTable, convert, read_imu_table
 from .files import (
     SIDECAR,
     GreatFiles,
@@ -215,9 +222,8 @@ def _imu(
     notes = []
     unit = declared.gyro_unit
     if unit == "auto":
-        down = (table.gyro @ AXES["RFU"].T)[:, 2]
-        start = gpstime.from_week_sow(week, 0.0)
-        ratio = gyro_unit_ratio(start + table.sow, down, time, course)
+        raw = convert(table, week=week, gyro_unit="rad/s", accel_unit="m/s2", axes="RFU")
+        ratio = gyro_unit_ratio(raw.time, vertical_rate(raw), time, course)
         unit, evidence = decide_gyro_unit(ratio, file=table.file)
         notes.append(evidence)
     data = convert(table, week=week, gyro_unit=unit, accel_unit="m/s2", axes="RFU")

@@ -19,13 +19,12 @@ from ...filters.sensors import PRESETS
 from ..axes import ATTITUDE
 from ..formats.kfgins import kind_of
 from ..formats.rtklib_pos import is_pos
-from ..great.files import rinex_kind
 from ..great.pvt import is_flt
 from ..text.columns import open_text
-from ..text.rinex_packing import is_packed, unpack
 from . import column_roles as roles
 from .column_roles import Sampled
 from .declaration import BLANK, NAME
+from .receivers import kinds_of
 
 _COLUMN = 44
 _SPEEDS = "m/s, km/h, knots or ft/s"
@@ -68,9 +67,10 @@ def draft_declaration(files: Sequence[str | Path]) -> str:
         if not path.is_file():
             raise DataError("file not found", file=path, remedy="check the name")
         name = _relative(path, home)
-        kind = _rinex(path)
-        if kind:
+        kinds = kinds_of(path)
+        for kind in kinds:
             rinex[kind].append(name)
+        if kinds:
             continue
         section, lines = _draft_file(path, name)
         if section in sections:
@@ -128,19 +128,6 @@ def _absolute(path: Path) -> Path:
 def _relative(path: Path, home: Path) -> str:
     full = _absolute(path)
     return str(full.relative_to(home)) if full.is_relative_to(home) else str(full)
-
-
-def _rinex(path: Path) -> str:
-    """Return 'O' or 'N' for RINEX, packed or not."""
-    with path.open("rb") as stream:
-        head = stream.read(80)
-    if head[60:80] == b"CRINEX VERS   / TYPE":
-        return "O"
-    if is_packed(head):
-        line = unpack(path.read_bytes(), path)[:81].decode("latin-1")
-        return line[20:21] if line[60:80] == "RINEX VERSION / TYPE" and line[20:21] in "ON" else ""
-    kind = rinex_kind(path)
-    return kind if kind in ("O", "N") else ""
 
 
 def _rinex_section(rinex: dict[str, list[str]]) -> list[str]:

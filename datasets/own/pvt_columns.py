@@ -21,6 +21,7 @@ from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ..displacement import check_velocity, horizontal_sigma
 from ..formats.inertial_explorer import dms_to_radians
+from ..receivers.bags import bag_table, is_bag
 from ..text.columns import Column, Columns, open_text, read_columns
 from ..text.tables import Table, increasing
 from ..time_scales import TimeScale, evenly_spaced, gps_time, late_weeks
@@ -83,7 +84,7 @@ def read_timed(
 ) -> Timed:
     """Return the columns of a section's file and their GPS time, which has to increase."""
     separator = section.text("separator", "", default="") or None
-    source = open_text(section.path(), separator)
+    source = open_text(_table_of(section), separator)
     stamp = {"time": time_columns(section, scale)}
     columns = read_columns(
         source,
@@ -109,6 +110,16 @@ def read_timed(
         )
     increasing(columns.table, time, "time")
     return Timed(columns, time, notes)
+
+
+def _table_of(section: Section) -> Path:
+    """Return the file of a section, or that of the topic of a bag."""
+    path = section.path()
+    if section.has("topic"):
+        return bag_table(path, section.text("topic", ""))
+    if is_bag(path):
+        raise section.missing('topic = "/imu/data"', f"which one of {path.name}")
+    return path
 
 
 def read_pvt(

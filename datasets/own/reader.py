@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -40,6 +41,9 @@ from .declaration import (
 from .pvt_columns import read_pvt, read_timed
 from .reference import read_reference
 
+if TYPE_CHECKING:
+    from ..rtklib import GivenFiles
+
 #: A delay of time stamps that is not known to this is not to be estimated, but found [s].
 _LARGEST_DELAY = 1.0
 #: How well a mounting is known that was judged by eye, 1σ [deg]: 5° out of square is seen.
@@ -69,14 +73,20 @@ def read_declared(path: str | Path) -> Sequence:
     DataError
         Unreadable files, or declared facts that physics contradicts.
     """
-    declared = read_declaration(path)
+    return sequence_of(read_declaration(path))
+
+
+def sequence_of(declared: Declaration) -> Sequence:
+    """Return the recording of a declaration, wherever its keys are from."""
     _one_kind_of_time(declared)
     antenna = declared.required("antenna", f"[antenna] and {LEVER_LINE}  # IMU to antenna")
     lever_b = lever(antenna, "lever_frd_m", f"{LEVER_LINE}  # IMU to antenna, forward right down")
     C_bv = mounting(declared)
     spec = imu_spec(declared)
     imu, imu_notes = _imu(declared)
-    observations, navigation, rover, rinex_notes = _rinex(declared)
+    observations, given, rinex_notes = _rinex(declared)
+    navigation = () if given is None else given.navigation
+    logs = () if given is None else given.notes
     fixes, fix_notes = _fixes(declared)
     if observations is None and fixes is None:
         raise ConfigError(
@@ -113,12 +123,14 @@ def read_declared(path: str | Path) -> Sequence:
         odometer=odometer,
         reference=reference,
         time_scale="relative" if relative else "gps",
-        rover_file=rover,
+        rover_file=None if given is None else given.observations,
+        logs=logs,
         notes=(
             *imu_notes,
             *physics_notes,
             f"IMU noise: {spec.name}, {spec.source}",
             f"lever arm IMU→antenna {lever_b} m (forward, right, down), as declared",
+            *logs,
             *rinex_notes,
             *fix_notes,
             *odometer_notes,
@@ -184,36 +196,31 @@ def _imu(declared: Declaration) -> tuple[ImuData, list[str]]:
     return ImuData(time, *parts), notes
 
 
-def _rinex(
-    declared: Declaration,
-) -> tuple[GnssObservations | None, tuple[Path, ...], Path | None, list[str]]:
+def _rinex(declared: Declaration) -> tuple[GnssObservations | None, GivenFiles | None, list[str]]:
+    """Return the declared observations, the files they are in, and what was repaired in these."""
     section = declared.section("rinex")
     if section is None:
-        return None, (), None, []
-    from ..rtklib import read_observations
-    from ..text.rinex_packing import plain_rinex
+        return None, None, []
+    from ..rtklib import given_files, read_observations
     from ..text.rinex_repair import readable_rinex
 
     home = section.file.parent
     name = section.text("observations", 'observations = "rover.obs"')
-    files = section.values.get("navigation")
+    files = section.values.get("navigation", [])
     files = [files] if isinstance(files, str) else files
-    if (
-        not isinstance(files, list)
-        or not files
-        or not all(isinstance(f, str) and "\0" not in f for f in files)
-    ):
+    if not isinstance(files, list) or not all(isinstance(f, str) and "\0" not in f for f in files):
+        raise section.refuse("navigation", "names of files with broadcast ephemerides")
+    given = given_files(home / name, [home / f for f in files])
+    if not given.navigation:
         raise section.missing('navigation = ["brdc.nav"]', "broadcast ephemerides")
-    navigation = tuple(plain_rinex(home / f) for f in files)
-    rover = plain_rinex(home / name)
     observations = read_observations(
-        rover,
-        navigation,
-        systems=section.text("systems", "", default="GREC"),
+        given.observations,
+        given.navigation,
+        systems=section.text("systems", "", default="GREJC"),
         signals=section.choice("signals", ("first", "all"), "", default="first"),
     )
-    notes = [note for f in (rover, *navigation) for note in readable_rinex(f).notes]
-    return observations, navigation, rover, notes
+    plain = (given.observations, *given.navigation)
+    return observations, given, [note for f in plain for note in readable_rinex(f).notes]
 
 
 def _fixes(declared: Declaration) -> tuple[GnssFixes | None, list[str]]:

@@ -27,7 +27,7 @@ def read_observations(
     path: str | Path,
     navigation: Sequence[str | Path],
     *,
-    systems: str = "GREC",
+    systems: str = "GREJC",
     signals: str = "first",
     codes: Sequence[str] = (),
 ) -> GnssObservations:

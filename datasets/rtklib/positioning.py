@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from ...filters.fault_exclusion import consistent_rows
 from ...filters.rotation import FloatArray
 from ..observations import GnssFixes, GnssObservations
+from .each_range import EachRange, each_range
 from .persistence import Linearised, Persistent, persistent_faults, variance_factor
 from .point_engine import Point, PointEngine, spp_options
-from .satellites import load_navigation
+from .satellites import ephemerides_used, load_navigation
 
 #: How often satellites that are wrong all the time are looked for: without one, others are seen.
 _ROUNDS = 3
@@ -54,6 +55,8 @@ class SinglePoint:
         that of sound satellites. Of those it is zero: what they share is the noise's business.
     misfit : float
         chi²/dof of the residuals of all fixes together; NaN where none has one to spare.
+    ranges : tuple of EachRange, optional
+        Of each fix, what an error of each pseudorange does to it, and what the others say of it.
     """
 
     fixes: GnssFixes
@@ -65,6 +68,7 @@ class SinglePoint:
     left_out: tuple[int, ...] = ()
     lasting_cov_e: FloatArray | None = None
     misfit: float = float("nan")
+    ranges: tuple[EachRange, ...] | None = None
 
 
 def single_point(
@@ -120,7 +124,9 @@ def single_point(
         are left out by RTKLIB.
     """
     options = spp_options(elevation_mask, ionosphere, troposphere, code_sigma)
-    engine = PointEngine(load_navigation(navigation), options, observations, weak_sigma)
+    nav = load_navigation(navigation)
+    options.sateph = ephemerides_used(nav)
+    engine = PointEngine(nav, options, observations, weak_sigma)
     offered = observations.usable & ~(observations.cn0 < min_cn0)
     offered &= np.isfinite(observations.pseudorange)
     take = offered.copy()
@@ -277,14 +283,17 @@ def _single_point(
         satellites=np.array([len(p.used) for p in points], dtype=np.int64),
         quality=np.full(n, "single"),
     )
+    satellites = tuple(tuple(map(str, observations.sat[p.used])) for p in points)
+    misfit = float(chi2[spare].sum() / dof[spare].sum()) if spare.any() else float("nan")
     return SinglePoint(
         fixes,
         np.array([p.clock for p in points], dtype=float),
         tuple((e.time, e.point) for e in epochs if isinstance(e.point, str)),
-        tuple(tuple(map(str, observations.sat[p.used])) for p in points),
+        satellites,
         tuple(int(row) for e in epochs for row in e.excluded),
         persistent,
         left_out,
         _lacking(epochs, observations),
-        float(chi2[spare].sum() / dof[spare].sum()) if spare.any() else float("nan"),
+        misfit,
+        tuple(each_range(p, misfit) for p in points),
     )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import shutil
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray
+from ..text.orbit_products import check_product, is_product
 from ..text.rinex import check_navigation
 from ..text.rinex_repair import readable_rinex
 from .file_names import harmless_name
@@ -92,7 +95,11 @@ def satellite_name(number: int) -> str:
 
 
 def load_navigation(paths: Sequence[str | Path]) -> Any:
-    """Return RTKLIB's nav_t of the files, read once as long as they do not change."""
+    """Return RTKLIB's nav_t of the files, read once as long as they do not change.
+
+    Precise orbits (SP3) and clocks (RINEX clock files) may be among them, beside broadcasts: then
+    satellites are where these have them, and those they do not have have no ephemeris.
+    """
     if isinstance(paths, (str, Path)):
         paths = [paths]
     if not paths:
@@ -108,6 +115,9 @@ def load_navigation(paths: Sequence[str | Path]) -> Any:
 def _read_navigation(files: tuple[tuple[Path, int, int], ...]) -> Any:
     nav, obs, station = rtk.nav_t(), rtk.obs_t(), rtk.sta_t()
     for path, _, _ in files:
+        if is_product(path):
+            _read_product(nav, path)
+            continue
         check_navigation(path)
         known = nav.n, nav.ng
         with harmless_name(readable_rinex(path).path) as name:
@@ -115,8 +125,35 @@ def _read_navigation(files: tuple[tuple[Path, int, int], ...]) -> Any:
         if (nav.n, nav.ng) == known:
             raise DataError("no ephemeris found", file=path, remedy="check the file's content")
         _refuse_absurd(nav, *known, path)
+    if not nav.n + nav.ng:
+        raise DataError(
+            "precise orbits or clocks without broadcast ephemerides, which tell the time of "
+            "transmission, health and group delays",
+            file=files[0][0],
+            remedy="give the navigation file of that day as well",
+        )
     rtk.uniqnav(nav)
     return nav
+
+
+def _read_product(nav: Any, path: Path) -> None:
+    """Read precise orbits (SP3) or clocks (RINEX clock file)."""
+    kind, known = check_product(path), (nav.ne, nav.nc)
+    # RTKLIB goes by the ending of the name.
+    with tempfile.TemporaryDirectory(prefix="certnav-") as folder:
+        copy = Path(folder) / f"product.{kind}"
+        shutil.copyfile(path, copy)
+        if kind == "sp3":
+            rtk.readsp3(str(copy), nav, 0)
+        else:
+            rtk.readrnxc(str(copy), nav)
+    if (nav.ne, nav.nc) == known:
+        raise DataError("no orbit or clock found", file=path, remedy="check the file's content")
+
+
+def ephemerides_used(nav: Any) -> int:
+    """Return RTKLIB's choice of ephemerides: precise where there are orbits, else broadcast."""
+    return rtk.EPHOPT_PREC if nav.ne else rtk.EPHOPT_BRDC
 
 
 def _refuse_absurd(nav: Any, first: int, first_glonass: int, path: Path) -> None:
@@ -140,18 +177,22 @@ def broadcast_states(
     whole: FloatArray,
     fraction: FloatArray,
     by_satellite_clock: bool = False,
+    precise: bool = False,
 ) -> SatelliteStates:
     """Return states at gtime `whole + fraction` (split, so that no digit is lost).
 
-    `by_satellite_clock`: the times are the satellites' own, the states are of t − δt^s.
+    `by_satellite_clock`: the times are the satellites' own, the states are of t − δt^s. `precise`:
+    of the precise ephemerides in `nav`, which say nothing of health.
     """
+    source = rtk.EPHOPT_PREC if precise else rtk.EPHOPT_BRDC
     n = number.size
     samples = np.full((n, 3, 4), np.nan)
     healthy = np.zeros(n, dtype=bool)
     state, clock = rtk.Arr1Ddouble(6), rtk.Arr1Ddouble(2)
     variance, health = rtk.Arr1Ddouble(1), rtk.Arr1Dint(1)
     select, at = rtk.gtime_t(), rtk.gtime_t()
-    satpos = rtk.satpos
+    satpos, source = rtk.satpos, ephemerides_used(nav)
+    nothing = rtk.Arr1Ddouble(6), rtk.Arr1Ddouble(2), rtk.Arr1Ddouble(1)
     for k in np.flatnonzero(np.isfinite(fraction)):
         satellite = int(number[k])
         carry = np.floor(fraction[k])
@@ -159,11 +200,13 @@ def broadcast_states(
         select.time, select.sec = second, rest
         for j, offset in enumerate((0.0, -_HALF_STEP, _HALF_STEP)):
             at.time, at.sec = second, rest + offset
-            if not satpos(at, select, satellite, 0, nav, state, clock, variance, health):
+            if not satpos(at, select, satellite, source, nav, state, clock, variance, health):
                 break
             samples[k, j] = state[0], state[1], state[2], clock[0]
             if j == 0 and by_satellite_clock:
                 rest -= clock[0]
+            if j == 0 and source != rtk.EPHOPT_BRDC:  # which know nothing of health
+                satpos(at, select, satellite, rtk.EPHOPT_BRDC, nav, *nothing, health)
             healthy[k] = health[0] == 0
     samples[~np.isfinite(samples).all((1, 2))] = np.nan
     healthy &= np.isfinite(samples[:, 0, 0])

@@ -20,6 +20,7 @@ from pathlib import Path
 from ...filters.errors import DataError
 from .. import gpstime
 from . import rinex_header as header
+from .orbit_products import product_kind
 
 #: Time systems that are GPS time to some 10 ns, and BeiDou's, which is behind it [s].
 _AS_GPS = ("GPS", "GAL", "QZS", "IRN", "SBA")
@@ -67,6 +68,8 @@ def readable_rinex(path: str | Path) -> Readable:
 @cache
 def _readable(path: Path, modified: int, size: int) -> Readable:
     raw = path.read_bytes()
+    if product_kind(raw[:128]):  # precise orbits and clocks are read as they are
+        return Readable(path)
     plain = without_mark(raw)
     end = plain.find(b"END OF HEADER")
     end = plain.find(b"\n", end) + 1 or len(plain)

@@ -20,6 +20,8 @@ _EXPLAINED = 0.4
 _CERTAIN = 0.7
 _DEGREES = 180.0 / np.pi
 _AXES = "xyz"
+#: What findings on forward and right are about.
+AXES = "accelerometer axes"
 
 
 def gyro(imu: Inertial, track: Track) -> list[Finding]:
@@ -100,7 +102,7 @@ def accelerometer(imu: Inertial, track: Track) -> list[Finding]:
     ]
     # GNSS = B · accelerometer; identity when the axes are forward and right.
     known = [fit.explained > _EXPLAINED for fit in fits]
-    subject = "accelerometer axes"
+    subject = AXES
     if not any(known):
         found = "forward and right cannot be told: too little acceleration and cornering"
         return [Finding("note", subject, found)]
@@ -131,7 +133,7 @@ def _plane(fits: list[Fit]) -> Finding:
         how = f"the {axis} axis is reversed" if axis else "forward and right are swapped"
         return Finding(
             "fatal" if min(fit.explained for fit in fits) > _CERTAIN else "doubtful",
-            "accelerometer axes",
+            AXES,
             f"left-handed: {how} (speed and cornering against accelerometer, {share} explained)",
             "declare the axes the file really holds: a rotation cannot mend a mirrored set",
             {"forward_from_x": B[0, 0], "forward_from_y": B[0, 1],
@@ -148,7 +150,7 @@ def _plane(fits: list[Fit]) -> Finding:
 
 def _turned(turn_deg: float, sigma_deg: float, gain: float, how: str, name: str) -> Finding:
     numbers = {"turned_deg": turn_deg, "turned_sigma_deg": sigma_deg, "gain": gain}
-    subject = "accelerometer axes"
+    subject = AXES
     if abs(turn_deg) > 20.0 + 3.0 * sigma_deg:
         side = "right" if turn_deg > 0 else "left"
         quarter = round(turn_deg / 90.0) * 90
@@ -156,11 +158,11 @@ def _turned(turn_deg: float, sigma_deg: float, gain: float, how: str, name: str)
         if abs(turn_deg) > 135.0:
             found = f"x points backward: the vehicle moves along −x ({how})"
         near = abs(turn_deg - quarter) < 20.0 and quarter
-        remedy = (
-            "declare the axes the file really holds"
-            if near
-            else f"declare the mounting: yaw {turn_deg:+.0f}°"
-        )
+        # A vehicle whose forward lies to the left has its IMU turned to the right.
+        mounting = f"mounting_rpy_deg = [0.0, 0.0, {-turn_deg:.1f}]"
+        remedy = f"declare the mounting: {mounting}"
+        if near:
+            remedy = f"declare the axes the file really holds, or {mounting}"
         severity = "fatal" if abs(turn_deg) > 45.0 else "doubtful"
         return Finding(severity, subject, found, remedy, numbers)
     if not 0.4 < gain < 1.8:

@@ -123,7 +123,8 @@ def gravity(
         found += f": {1e3 * (size - expected) / STANDARD_GRAVITY:+.0f} mg of bias or scale"
         remedy = "declare an IMU preset whose turn-on bias covers it, or calibrate"
     elif tilt > 10.0:
-        severity, remedy = "doubtful", "declare the mounting of the IMU in the vehicle"
+        severity = "doubtful"
+        remedy = "declare the mounting of the IMU in the vehicle; a run measures it if it is not"
         found += ": the IMU is mounted tilted"
     return [Finding(severity, subject, found, remedy, numbers)]
 

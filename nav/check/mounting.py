@@ -8,6 +8,7 @@ goes straight it goes along its own axis, and that direction in IMU axes is the 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -16,12 +17,14 @@ from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of
 from ...filters.errors import NavError
 from ...filters.levers import rate_over_earth
-from ...filters.rotation import FloatArray, wrap_angle
+from ...filters.rotation import FloatArray, rpy_from_matrix, wrap_angle
 from ...velocity.mounting import Mounting, calibrate_mounting
 from ...velocity.tracks import Track, tracks
 from ..config import AlignmentConfig, Config, FilterConfig, VehicleConfig
+from ..engine.model import UNKNOWN
+from ..notes import Note
 from ..pipeline import navigate
-from .axes import track_turning
+from .axes import AXES, track_turning
 from .findings import Finding
 from .motion import COURSE_SPEED
 
@@ -37,6 +40,8 @@ _FAST, _DRIVEN, _STRAIGHT = 5.0, 20.0, np.radians(3.0)
 _SIGMA_POS, _SIGMA_VEL = 50.0, 0.2
 #: A mounting known worse than this is not worth a line [rad].
 _SIGMA_MOUNTING = np.radians(1.0)
+#: Twice what is thought possible of a mounting that nobody has declared: beyond it, it is measured.
+_TILTED = 2.0 * UNKNOWN.sigma_mounting
 #: Nothing is assumed of the vehicle; course and level are right to what a mounting may be off.
 _CONFIG = Config(
     alignment=AlignmentConfig("level+course", sigma_level_deg=5.0, sigma_heading_deg=15.0),
@@ -77,6 +82,53 @@ def mounting_findings(sequence: Sequence) -> list[Finding]:
         f"{found.straight_s:.0f} s of straight driving; attitude from GNSS velocities and turns)"
     )
     return [Finding("note", "mounting", text, numbers=numbers)]
+
+
+def with_coarse_mounting(
+    sequence: Sequence, findings: Iterable[Finding]
+) -> tuple[Sequence, tuple[Note, ...]]:
+    """Return a recording that declares no mounting with a coarse one, where it needs it.
+
+    A run begins with the IMU square in the vehicle to 5° and estimates the rest. An IMU that lies
+    or is turned otherwise shows it: the vertical by gravity in the mean of the drive, forward by
+    speed and cornering. What is left is as unknown as with any other.
+
+    Parameters
+    ----------
+    sequence : Sequence
+    findings : iterable of Finding
+        What was found of it, of which the accelerometer's axes tell forward.
+
+    Returns
+    -------
+    sequence, notes
+    """
+    calibration = sequence.calibration
+    turned = [f.numbers for f in findings if f.severity == "doubtful" and f.subject == AXES]
+    if calibration.mounting_source or sequence.imu is None:
+        return sequence, ()
+    mean = sequence.imu.accel_b.mean(axis=0)
+    down_b = -mean / np.linalg.norm(mean)
+    turns = bool(turned) and "turned_deg" in turned[0]
+    if down_b[2] > np.cos(_TILTED) and not turns:
+        return sequence, ()
+    turn, sigma = (turned[0]["turned_deg"], turned[0]["turned_sigma_deg"]) if turns else (0.0, 0.0)
+    toward_b = np.array([np.cos(np.radians(turn)), np.sin(np.radians(turn)), 0.0])
+    right_b = np.cross(down_b, toward_b)
+    right_b /= np.linalg.norm(right_b)
+    C_bv = np.column_stack([np.cross(right_b, down_b), right_b, down_b])
+    sigma_mounting = float(np.hypot(UNKNOWN.sigma_mounting, np.radians(sigma)))
+    roll, pitch, yaw = np.degrees(rpy_from_matrix(C_bv.T))
+    text = (
+        f"mounting not declared: measured, roll {roll:+.0f}°, pitch {pitch:+.0f}°, yaw {yaw:+.0f}° "
+        f"± {np.degrees(sigma_mounting):.0f}° (gravity, speed and cornering), from where it is "
+        f"estimated; to declare it: mounting_rpy_deg = [{roll:.0f}, {pitch:.0f}, {yaw:.0f}]"
+    )
+    calibration = dataclasses.replace(
+        calibration, C_bv=C_bv, mounting_source="measured coarsely",
+        mounting_sigma=sigma_mounting, lever_vehicle_sigma=UNKNOWN.sigma_wheel,
+    )  # fmt: skip
+    return dataclasses.replace(sequence, calibration=calibration), (Note("note", text),)
 
 
 def _most_turning(track: Track) -> Track | None:

@@ -355,6 +355,7 @@ def contents(sequence: Sequence) -> tuple[str, ...]:
             f"GNSS observations: {_span(np.unique(observations.time))}, systems {systems}, "
             f"signals {signals}"
         )
+    out += sequence.logs
     if sequence.fixes is not None:
         with_velocity = 100.0 * float(sequence.fixes.has_velocity.mean())
         out.append(

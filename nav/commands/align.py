@@ -19,8 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--window", type=float, default=15.0, metavar="S", help="length [15 s]")
     parser.add_argument("--step", type=float, default=5.0, metavar="S", help="distance [5 s]")
     parser.add_argument(
-        "--method", default="certified",
-        help="certified, robust, sdp, voba or gauss-newton [certified]",
+        "--method", default="robust",
+        help="robust, certified (every row believed), sdp, voba or gauss-newton [robust]",
     )  # fmt: skip
     parser.add_argument(
         "--clock", default="random-walk",
@@ -30,8 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rows", default="all", help="all, or los where the data are labelled")
     parser.add_argument("--decimate", type=int, default=1, metavar="K", help="every K-th epoch")
     parser.add_argument(
-        "--noise", default="assumed",
-        help="Doppler σ: assumed, or fitted to the recording with its correlation [assumed]",
+        "--noise", default="fitted",
+        help="Doppler σ: fitted to the recording with its correlation, or assumed [fitted]",
     )  # fmt: skip
     parser.add_argument(
         "--clock-walk", type=float, default=0.1, metavar="Q", help="of --clock random-walk, m/s/√s"
@@ -43,10 +43,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--min-cn0", type=float, default=0.0, metavar="DB", help="[dB-Hz]")
     parser.add_argument(
-        "--level", type=float, metavar="DEG", help="the vehicle is level within so much, 1σ"
-    )
+        "--level", type=float, default=2.0, metavar="DEG",
+        help="a car on a road is level within so much, 1σ; 0: nothing is known of it [2]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--position-sigma", type=float, metavar="M",
+        help="1σ of the positions, an unknown of each window [as the recording says]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--speed-scale", type=float, default=2.0, metavar="PCT",
+        help="1σ of the odometer's scale, an unknown of each window [2]",
+    )  # fmt: skip
     parser.add_argument(
         "--proof", type=Path, metavar="FILE", help="write proofs in exact numbers (certnav verify)"
+    )
+    parser.add_argument(
+        "--unchecked", action="store_true", help="align even if the data contradict physics"
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of the table")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw headings and errors (PNG)")
@@ -54,12 +66,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Align every window of a recording and report."""
-    from ...datasets.loading import load
     from ...filters.errors import ConfigError
+    from ..config import Config
     from ..results.summary import strict
     from ..windows.options import WindowOptions
     from ..windows.recording import align_recording
     from ..windows.report import as_dict, draw, table, write_proofs
+    from .navigation import checked_load
 
     options = WindowOptions(
         window=arguments.window,
@@ -72,14 +85,16 @@ def run(arguments: argparse.Namespace) -> None:
         noise=arguments.noise,
         phase=arguments.phase,
         min_cn0=arguments.min_cn0,
-        level_deg=arguments.level,
+        level_deg=arguments.level or None,
         clock_walk=arguments.clock_walk,
+        position_sigma_m=arguments.position_sigma,
+        speed_scale_sigma=0.01 * arguments.speed_scale,
     )
     if arguments.proof is not None and options.method not in ("certified", "robust"):
         raise ConfigError(
             f"--proof: method '{options.method}' proves nothing that could be written"
         )
-    sequence = load(arguments.path)
+    sequence = checked_load(arguments.path, Config(), checked=not arguments.unchecked)
     results, noise = align_recording(sequence, options)
     if arguments.proof is not None:
         write_proofs(sequence.name, results, arguments.proof, options)

@@ -44,6 +44,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Make a preset and print or write it."""
     from ...datasets.allan import preset_from_rest, preset_toml
     from ...datasets.loading import load
+    from ...datasets.placing import write_file
     from ...datasets.text.imu import read_imu_text
     from ...filters.errors import ConfigError, DataError
     from ...filters.sensors import imu_preset
@@ -69,6 +70,6 @@ def run(arguments: argparse.Namespace) -> None:
     if out is None:
         print(text, end="")
         return
-    out.write_text(text, encoding="utf-8")
+    write_file(out, text.encode())
     print("\n".join(notes))
     print(f"{out}: certnav run … --set filter.imu={out}")

@@ -18,11 +18,11 @@ import sys
 from collections.abc import Iterator
 
 from ...filters.errors import NavError
-from .progress import QUIET
+from .terminal.progress import QUIET
 
 #: In the order of ``certnav --help``.
 COMMANDS = (
-    "run", "check", "declare", "datasets", "align", "verify", "tune", "compare", "report",
+    "run", "check", "declare", "datasets", "align", "verify", "study", "tune", "compare", "report",
     "simulate", "demo", "allan",
 )  # fmt: skip
 

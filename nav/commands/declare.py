@@ -23,6 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Draft a declaration for the user's own files."""
     from ...datasets.own.declare import draft_declaration
+    from ...datasets.placing import write_file
     from ...filters.errors import DataError
 
     draft = draft_declaration(arguments.files)
@@ -31,7 +32,7 @@ def run(arguments: argparse.Namespace) -> None:
         return
     if arguments.out.exists():
         raise DataError("exists already", file=arguments.out, remedy="name another file")
-    arguments.out.write_text(draft, encoding="utf-8")
+    write_file(arguments.out, draft.encode())
     blanks = draft.count('= "?"')
     print(f"{arguments.out}: {blanks} blanks left for you, then")
     print(f"  certnav check {arguments.out.parent}")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from ...datasets.cache import kept_in
@@ -14,6 +16,8 @@ from ...datasets.physics import Refusal, collected_refusals
 from ...datasets.placing import write_file
 from ...datasets.sequence import Sequence
 from ...filters.errors import DataError
+from ..check.findings import Finding
+from ..check.mounting import with_coarse_mounting
 from ..check.recording import check_sequence
 from ..config import Config
 from ..evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
@@ -23,7 +27,7 @@ from ..pipeline import navigate
 from ..results.directory import check_replaceable, write_result
 from ..solution import Solution
 from ..vehicles import VEHICLES, would_explain
-from .progress import announce_kernels, progress
+from .terminal.progress import announce_kernels, progress
 
 _log = logging.getLogger(__name__)
 
@@ -41,11 +45,12 @@ def navigate_folder(
     say: bool = True,
     calibration: Path | None = None,
     learn: Path | None = None,
+    figures: str | None = None,
 ) -> tuple[Path, str]:
     """Load, check, navigate, evaluate, write the result directory, and print the summary.
 
     With `say` off nothing is printed; `calibration` is read, and `learn` written, as of
-    `nav.learned`.
+    `nav.learned`; `figures` is the format of figures for papers, which are not drawn without one.
 
     Returns the directory, and the status of the solution.
     """
@@ -62,7 +67,10 @@ def navigate_folder(
         passed_over = waived(refused, config, checked)
         out = Path("results") / sequence.name if out is None else out
         check_replaceable(out)
-        found = (*passed_over, *_checked(sequence, config, checked))
+        doubted = _checked(sequence, config, checked)
+        found = (*passed_over, *(Note("doubtful", f"{f.subject}: {f.found}") for f in doubted))
+        sequence, measured = with_coarse_mounting(sequence, doubted)
+        found = (*found, *measured)
         read = time.perf_counter() - began
         _log.info("%s: read and checked in %.2f s", path, read)
         solution = navigate(sequence, config, report)
@@ -74,20 +82,56 @@ def navigate_folder(
         solution.timing.update(read_s=read, total_s=time.perf_counter() - began)
         write_result(
             out, solution, evaluation, sequence, config, formats,
-            draw=_draw if report_page else None, table=table,
+            draw=_drawing(report_page, figures), table=table,
         )  # fmt: skip
     if learn is not None:
-        write_file(learn, learned(solution).encode())
+        _write_learned(learn, solution)
     _log.info("%s: all of it in %.2f s", out, time.perf_counter() - began)
     if say:
         _print_summary(solution, evaluation, sequence, out)
     return out, solution.status
 
 
-def _draw(draft: Path) -> None:
-    from ..report.run import write_report  # matplotlib is slow to import
+def _write_learned(file: Path, solution: Solution) -> None:
+    """Write what was learned; a run that has learned nothing says so, and has its result."""
+    try:
+        text = learned(solution)
+    except DataError as error:
+        print(f"certnav: {file} not written: {error}", file=sys.stderr)
+        return
+    write_file(file, text.encode())
 
-    write_report(draft)
+
+def _drawing(page: bool, figures: str | None) -> Callable[[Path], None] | None:
+    """Return what draws into a result directory: the page, figures for papers, both or nothing."""
+    if not page and figures is None:
+        return None
+
+    def draw(draft: Path) -> None:
+        from ..report import write_figures, write_report  # slow to import
+        from ..results.directory import read_result
+
+        if page:
+            write_report(draft)
+        if figures is not None:
+            write_figures(read_result(draft), draft / "figures", figures)
+
+    return draw
+
+
+def checked_load(path: Path, config: Config, checked: bool) -> Sequence:
+    """Return a recording; what a reader refuses by physics is a note of it if it is not checked.
+
+    Raises
+    ------
+    DataError
+        What the reader refuses.
+    """
+    with collected_refusals() as refused:
+        sequence = load(path, **config.data)
+    said = waived(refused, config, checked)
+    notes = (*sequence.notes, *(str(note) for note in said))
+    return dataclasses.replace(sequence, notes=notes)
 
 
 def cache_folder(out: Path | None) -> Path:
@@ -136,7 +180,7 @@ def _way_out(remedy: str) -> str:
     return f"{remedy}; to navigate it all the same: --unchecked".removeprefix("; ")
 
 
-def _checked(sequence: Sequence, config: Config, checked: bool) -> tuple[Note, ...]:
+def _checked(sequence: Sequence, config: Config, checked: bool) -> list[Finding]:
     """Return what is doubtful; refuse what is fatal, unless it is not to be checked."""
     findings = check_sequence(sequence, config.gnss, config.vehicle.kind) if checked else []
     for finding in findings:
@@ -145,9 +189,7 @@ def _checked(sequence: Sequence, config: Config, checked: bool) -> tuple[Note, .
                 f"{sequence.name}: {finding.subject}: {finding.found}",
                 remedy=_way_out(finding.remedy),
             )
-    return tuple(
-        Note("doubtful", f"{f.subject}: {f.found}") for f in findings if f.severity == "doubtful"
-    )
+    return [finding for finding in findings if finding.severity == "doubtful"]
 
 
 def cut(sequence: Sequence, start: float | None, end: float | None) -> Sequence:

@@ -16,7 +16,14 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``certnav run`` to its parser."""
-    parser.add_argument("path", type=Path, help="folder of the sequence")
+    parser.add_argument(
+        "path", type=Path, help="folder of the sequence, its sequence.toml, or with --imu a "
+        "receiver's file: a raw log (UBX, SBF, RTCM 3, NovAtel) or RINEX",
+    )  # fmt: skip
+    parser.add_argument(
+        "--imu", type=Path, metavar="FILE",
+        help="the IMU's file beside a receiver's: both by a declaration, which is drafted first",
+    )  # fmt: skip
     parser.add_argument("--config", type=Path, metavar="FILE", help="configuration (TOML)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
@@ -34,7 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--base", type=Path, metavar="FILE",
-        help="RINEX of a base station, or a folder of them: RTK positions (gnss.position = rtk)",
+        help="RINEX or raw log of a base station, or a folder of them: RTK positions "
+        "(gnss.position = rtk)",
     )  # fmt: skip
     parser.add_argument(
         "--great", metavar="NAME",
@@ -47,6 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--write-calibration", type=Path, metavar="FILE",
         help="write what the run has learned of them, for the next run on the same vehicle",
+    )  # fmt: skip
+    parser.add_argument(
+        "--figures", choices=("pdf", "svg", "png"),
+        help="also write the figures for a paper, into figures/ of the result",
     )  # fmt: skip
     parser.add_argument("--no-report", action="store_true", help="leave report.html out: faster")
     parser.add_argument("--smooth", action="store_true", help="smooth: every epoch knows all data")
@@ -63,6 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     import dataclasses
 
     from ...datasets.great.catalogue import great_sequence
+    from ...datasets.own.drafted import declaration_of
     from ...filters.errors import ConfigError
     from ..config_files import load_config
     from ..results.formats import parse_formats
@@ -74,6 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
         gnss = dataclasses.replace(config.gnss, base=str(arguments.base), position="rtk")
         config = dataclasses.replace(config, gnss=gnss)
     path = arguments.path
+    if arguments.imu is not None:
+        path = declaration_of(path, arguments.imu)
     if arguments.great is not None:
         path, data = great_sequence(path, arguments.great, config.data)
         config = dataclasses.replace(config, data=data)
@@ -81,12 +96,16 @@ def run(arguments: argparse.Namespace) -> int:
     formats = parse_formats(arguments.only if only else arguments.format)
     if only and not formats:
         raise ConfigError("--only: expected pos, kml, tum or nav, found none")
+    if only and arguments.figures:
+        raise ConfigError(
+            "--only and --figures: figures are drawn from solution.csv; leave one out"
+        )
     if only and arguments.format:
         raise ConfigError("--only and --format: name all formats in one of them")
     out, status = navigate_folder(
         path, config, arguments.out, formats, arguments.start, arguments.end,
         checked=not arguments.unchecked, report_page=not (arguments.no_report or only),
-        table=not only, say=not arguments.json,
+        table=not only, say=not arguments.json, figures=arguments.figures,
         calibration=arguments.calibration, learn=arguments.write_calibration,
     )  # fmt: skip
     if arguments.json:

@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Simulate, and say how to navigate it."""
     from ...datasets.great.writer import simulate_folder
     from ...datasets.simulation.simulator import SimulationConfig
-    from .progress import progress
+    from .terminal.progress import progress
 
     config = SimulationConfig(
         name=arguments.out.name,

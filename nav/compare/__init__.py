@@ -6,9 +6,13 @@
     methods        what is compared: GNSS alone, four satellites and more, DDIA-VE, rows …
     comparison     compare: every method over every variant of every drive
     runs           one run reduced to its figures, and all of them together
+    intervals      how far these would differ with other spells
+    others         results of other programs, judged likewise
     directories    result directories made elsewhere, merged into a comparison
-    report         the page
+    report         the page: its verdict, and what each step bought
+    sections       its tables
     figures        its pictures
+    exports        the same figures as CSV and LaTeX
 
 The names below are imported when they are first asked for.
 """

@@ -3,12 +3,18 @@
 Over all spells of a method: median, RMS and 95th percentile of their drift (`nav.spells.drift`).
 Every method is judged at the same reference epochs, from the alignment of the run without spells
 on. Where a set has no reference, that run, smoothed, is the judge, and the page says so.
+
+What does not depend on the method is computed once for all of them: the start once for a drive,
+GNSS and the noise of its positions once for each set of spells (`nav.engine.prepared`), and what
+differs by smoothing alone is one pass through the filter. Where a spell takes something from what
+the start was found with, the start is found anew, without it.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable
+import uuid
+from collections.abc import Callable, Iterable, Iterator
 from collections.abc import Sequence as Listing
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,10 +22,11 @@ from pathlib import Path
 import numpy as np
 
 from ...datasets.sequence import Sequence
-from ...filters.errors import AlignmentError, ConfigError, NavError
+from ...filters.errors import DataError, NavError
 from ..config import Config
+from ..engine.prepared import Found, Key, Prepared
 from ..evaluation.accuracy import evaluate
-from ..pipeline import navigate
+from ..pipeline import navigate, navigate_twice
 from ..results.directory import write_result
 from ..solution import AlignmentReport, Solution
 from ..spells.degradation import degrade
@@ -28,22 +35,29 @@ from ..spells.outages import Outages, Spell, in_spells
 from ..sweep import in_parallel
 from .directories import write_sidecar
 from .methods import Method, solve
+from .others import Judge, Other, judged, notes_of
 from .runs import Comparison, Run, reduced, thin_track
 
 #: After alignment, before the first periodic spell [s]: a filter needs to settle.
 SETTLE = 10.0
+#: What this process has computed last: the runs over one recording come one after the other.
+_LAST: dict[str, Prepared] = {}
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
-    method: Method
+class _Variant:
+    """One drive with one set of spells, and what is known of it before."""
+
+    key: str
     alignment: AlignmentReport
+    starts: dict[Key, Found]
     config: Config
     outages: Outages
     spells: Listing[Spell]
     seed: int
-    variant: str
+    name: str
     out: Path | None
+    place: str
     draw: Callable[[Path], object] | None
 
 
@@ -53,6 +67,8 @@ def compare(
     outages: Outages,
     config: Config,
     *,
+    others: Listing[Other] = (),
+    settle: float = 0.0,
     seeds: int = 1,
     out: Path | None = None,
     draw: Callable[[Path], object] | None = None,
@@ -70,6 +86,10 @@ def compare(
     outages : Outages
     config : Config
         What all methods share.
+    others : list of Other
+        Results of other programs: judged where they cover a drive, spells or not.
+    settle : float
+        These are judged from so long after their beginning on [s].
     seeds : int
         Draws of satellites; without effect where nothing is drawn.
     out : Path, optional
@@ -95,36 +115,73 @@ def compare(
     draws = range(seeds if outages.is_random else 1)
     several = len(sequences) * len(outages.shifts) > 1
     notes, reference = [], {}
-    tasks: list[tuple[_Task, Sequence]] = []
+    judges: list[Judge] = []
+    calls: list[tuple[_Variant, tuple[Method, ...], Sequence]] = []
     if seeds > 1 and not outages.is_random:
         notes.append(f"{outages.text} draws nothing: one run instead of {seeds} seeds")
-    for sequence in sequences:
-        say(0.0, f"{sequence.name} without spells")
-        sequence, alignment, more = _judged(sequence, config)
-        assert sequence.reference is not None
-        notes += [f"{sequence.name}: {note}" for note in more]
-        reference[sequence.name] = thin_track(sequence.reference.pos_e)
+    for k, sequence in enumerate(sequences):
+        say(k / len(sequences), "without spells")
+        drive = _judged(sequence, config, methods)
+        assert drive.sequence.reference is not None
+        notes += [f"{sequence.name}: {note}" for note in drive.notes]
+        reference[sequence.name] = thin_track(drive.sequence.reference.pos_e)
+        judges.append(Judge.of(drive.sequence))
         first, last = sequence.span
-        settle = 0.0 if np.isfinite(outages.start) else SETTLE
+        quiet = 0.0 if np.isfinite(outages.start) else SETTLE
         for shift in outages.shifts:
-            spells = outages.spells(first, last, alignment.time + settle, shift)
+            spells = outages.spells(first, last, drive.alignment.time + quiet, shift)
             place = f"{sequence.name}@{shift:g}" if several else ""
             for seed in draws:
-                variant = f"@{shift:g} seed {seed}" if outages.is_random else f"@{shift:g}"
-                for method in methods:
-                    where = out / method.name / place if out is not None and seed == 0 else None
-                    task = _Task(
-                        method, alignment, config, outages, spells, seed, variant, where, draw
-                    )
-                    tasks.append((task, sequence))
+                variant = _Variant(
+                    uuid.uuid4().hex, drive.alignment, _untouched(drive.starts, spells), config,
+                    outages, spells, seed,
+                    f"@{shift:g} seed {seed}" if outages.is_random else f"@{shift:g}",
+                    out if seed == 0 else None, place, draw,
+                )  # fmt: skip
+                calls += [(variant, group, drive.sequence) for group in _passes(methods)]
     order = {method.name: k for k, method in enumerate(methods)}
     runs: list[Run] = []
-    shared = list({id(sequence): sequence for _, sequence in tasks}.values())
-    for run in in_parallel(_carry_out, tasks, jobs=jobs, scheduler=scheduler, shared=shared):
-        runs.append(run)
-        say(len(runs) / len(tasks), f"{run.method} {run.sequence}{run.variant}")
+    total = len(calls)
+    shared = list({id(sequence): sequence for *_, sequence in calls}.values())
+    what = f"{len(methods)} methods on {len(reference)} drives"
+    done = in_parallel(_carry_out, calls, jobs=jobs, scheduler=scheduler, shared=shared)
+    for k, found in enumerate(done):
+        runs += found
+        say((k + 1) / total, what)
+    _LAST.clear()
     runs.sort(key=lambda run: order[run.method])
-    return Comparison(tuple(runs), reference, outages.text, tuple(dict.fromkeys(notes)))
+    for other in others:
+        runs += _wherever(other, judges, settle)
+    notes += notes_of(others, settle)
+    definitions = {other.name: other.sentence for other in others}
+    return Comparison(
+        tuple(runs), reference, outages.text, tuple(dict.fromkeys(notes)), definitions
+    )  # fmt: skip
+
+
+def _wherever(other: Other, judges: Listing[Judge], settle: float) -> list[Run]:
+    """Return the figures of a result on every drive that it covers; why not where on none."""
+    runs = []
+    for judge in judges:
+        try:
+            runs.append(judged(other, judge, settle))
+        except DataError as error:
+            runs.append(Run(other.name, judge.name, "", reason=str(error)))
+    return [run for run in runs if not run.reason] or runs
+
+
+def _passes(methods: Listing[Method]) -> Iterator[tuple[Method, ...]]:
+    """Yield the methods, those together that one pass through the filter serves."""
+    together: dict[Method, list[Method]] = {}
+    for method in methods:
+        together.setdefault(dataclasses.replace(method, name="", smooth=False), []).append(method)
+    yield from map(tuple, together.values())
+
+
+def _untouched(starts: dict[Key, Found], spells: Listing[Spell]) -> dict[Key, Found]:
+    """Return the starts that are known before the first spell begins."""
+    first = spells[0].start if spells else np.inf
+    return {key: found for key, found in starts.items() if found[0].known < first}
 
 
 def _named(sequences: list[Sequence]) -> list[Sequence]:
@@ -135,23 +192,44 @@ def _named(sequences: list[Sequence]) -> list[Sequence]:
     return [dataclasses.replace(s, name=f"{s.name}-{k + 1}") for k, s in enumerate(sequences)]
 
 
-def _judged(
-    sequence: Sequence, config: Config
-) -> tuple[Sequence, AlignmentReport, tuple[str, ...]]:
-    """Navigate without spells; return the sequence with a reference to judge by, and notes."""
-    undisturbed = navigate(sequence, config)
+@dataclass(frozen=True, eq=False)
+class _Drive:
+    """A drive with a reference to judge by, how it starts, and what there is to say."""
+
+    sequence: Sequence
+    alignment: AlignmentReport
+    starts: dict[Key, Found]
+    notes: tuple[str, ...]
+
+
+def _judged(sequence: Sequence, config: Config, methods: Listing[Method]) -> _Drive:
+    """Navigate without spells."""
+    prepared = Prepared(sequence)
+    if sequence.reference is None:
+        smoothing = dataclasses.replace(config.filter, smooth=True)
+        whole = dataclasses.replace(config, filter=smoothing)
+        undisturbed, best = navigate_twice(sequence, whole, prepared)
+    else:
+        undisturbed = navigate(sequence, config, prepared=prepared)
     notes = [f"without spells, as configured: {_in_short(undisturbed, sequence)}"]
     if undisturbed.installation is not None:
         notes.append(f"+vehicle, as configured: {undisturbed.installation}")
     if sequence.reference is None:
-        smoothing = dataclasses.replace(config.filter, smooth=True)
-        best = navigate(sequence, dataclasses.replace(config, filter=smoothing)).trajectory
-        judge = as_reference(best, "the smoothed solution without spells: NOT independent")
+        judge = as_reference(
+            best.trajectory, "the smoothed solution without spells: NOT independent"
+        )
         sequence = dataclasses.replace(sequence, reference=judge)
         notes.append("no reference: judged by the smoothed solution without spells")
     else:
         notes.append(f"judged by {sequence.reference.source}")
-    return sequence, undisturbed.alignment, tuple(notes)
+    for method in methods:
+        if method.kind == "certified":
+            try:
+                prepared.start(method.config(config))
+            except NavError as error:
+                notes.append(f"no certified start: {error}")
+            break
+    return _Drive(sequence, undisturbed.alignment, prepared.starts, tuple(notes))
 
 
 def _in_short(solution: Solution, sequence: Sequence) -> str:
@@ -164,46 +242,75 @@ def _in_short(solution: Solution, sequence: Sequence) -> str:
     )
 
 
-def _carry_out(task: _Task, sequence: Sequence) -> Run:
-    """Run one method on one variant; what goes wrong knowingly is in the run."""
-    name = task.method.name
-    gnss = task.config.gnss
+def _carry_out(variant: _Variant, methods: tuple[Method, ...], sequence: Sequence) -> list[Run]:
+    """Run methods that share a pass; what goes wrong knowingly is in the run."""
     try:
+        prepared = _prepared(variant, sequence)
+        if methods[0].kind == "windows":
+            return [_windows(prepared.sequence, variant, methods[0])]
+        solved = list(_solved(variant, methods, prepared))
+        return [_run(variant, *each, prepared.sequence) for each in solved]
+    except NavError as error:
+        return [Run(m.name, sequence.name, variant.name, reason=str(error)) for m in methods]
+
+
+def _prepared(variant: _Variant, sequence: Sequence) -> Prepared:
+    """Return the drive with its spells, and what all methods have in common on it."""
+    if variant.key not in _LAST:
+        gnss = variant.config.gnss
         degraded = degrade(
-            sequence, task.spells, task.outages, seed=task.seed,
+            sequence, variant.spells, variant.outages, seed=variant.seed,
             min_cn0_dbhz=gnss.min_cn0_dbhz, elevation_mask_deg=gnss.elevation_mask_deg,
         )  # fmt: skip
-        if task.method.kind == "windows":
-            return _windows(degraded, task)
-        solution = solve(degraded, task.method, task.config, task.alignment)
-        evaluation = evaluate(solution, degraded)
-    except NavError as error:
-        return Run(name, sequence.name, task.variant, reason=str(error))
-    run = reduced(name, sequence.name, task.variant, solution, evaluation, task.spells, task.method)
-    if task.out is not None:
-        config = task.method.config(task.config)
+        _LAST.clear()
+        _LAST[variant.key] = Prepared(degraded, variant.starts)
+    return _LAST[variant.key]
+
+
+def _solved(
+    variant: _Variant, methods: tuple[Method, ...], prepared: Prepared
+) -> Iterator[tuple[Method, Solution]]:
+    """Yield each method with its solution."""
+    if len(methods) == 2 and methods[0].kind == "loose":
+        smoothed = next(m for m in methods if m.smooth)
+        both = navigate_twice(prepared.sequence, smoothed.config(variant.config), prepared)
+        for method in methods:
+            yield method, both[method.smooth]
+        return
+    for method in methods:
+        yield method, solve(
+            prepared.sequence, method, variant.config, variant.alignment, prepared
+        )  # fmt: skip
+
+
+def _run(variant: _Variant, method: Method, solution: Solution, degraded: Sequence) -> Run:
+    """Return the figures of a solution; write its result directory if one is wanted."""
+    evaluation = evaluate(solution, degraded)
+    run = reduced(
+        method.name, degraded.name, variant.name, solution, evaluation, variant.spells, method
+    )
+    if variant.out is not None:
 
         def draw(draft: Path) -> None:
-            write_sidecar(draft, run, task.spells, task.outages.text)
-            if task.draw is not None:
-                task.draw(draft)
+            write_sidecar(draft, run, variant.spells, variant.outages.text)
+            if variant.draw is not None:
+                variant.draw(draft)
 
-        write_result(task.out, solution, evaluation, degraded, config, draw=draw)
+        out = variant.out / method.name / variant.place
+        write_result(
+            out, solution, evaluation, degraded, method.config(variant.config), draw=draw
+        )  # fmt: skip
     return run
 
 
-def _windows(sequence: Sequence, task: _Task) -> Run:
+def _windows(sequence: Sequence, variant: _Variant, method: Method) -> Run:
     from ..windows.options import WindowOptions
     from ..windows.recording import align_windows, summary
 
-    name = task.method.name
-    try:
-        results = align_windows(sequence, WindowOptions())
-    except (AlignmentError, ConfigError) as error:
-        return Run(name, sequence.name, task.variant, reason=str(error))
+    results = align_windows(sequence, WindowOptions())
     starts = np.array([r.start for r in results])
     found = summary(results)
-    weak = in_spells(starts, task.spells)
+    weak = in_spells(starts, variant.spells)
     found["windows_in_spells"] = int(weak.sum())
     found["solved_in_spells"] = int(
         sum(np.isfinite(r.heading) for r, w in zip(results, weak, strict=True) if w)
@@ -211,4 +318,4 @@ def _windows(sequence: Sequence, task: _Task) -> Run:
     missed = np.array([abs(r.error) for r in results])[weak]
     missed = missed[np.isfinite(missed)]
     found["mae_in_spells_deg"] = float(np.degrees(missed.mean())) if missed.size else float("nan")
-    return Run(name, sequence.name, task.variant, headings=found)
+    return Run(method.name, sequence.name, variant.name, headings=found)

@@ -4,7 +4,8 @@
 gnss-only           positions and velocities as GNSS has them, interpolated between neighbouring
                     epochs, held where there are none; no IMU
 alignment-only      starts like every other run, then the IMU alone
-certified-only      starts certified, from IMU and Doppler in motion, then the IMU alone
+certified-only      starts certified, from IMU and Doppler in motion and from the latest position,
+                    however old; then the IMU alone
 lc4                 loose coupling with four satellites and more; below, inertial
 lc+ddia             and DDIA-VE's velocity from two or three
 lc+rows             and each satellite difference as a measurement from two or three
@@ -27,18 +28,30 @@ from ...filters.errors import AlignmentError, ConfigError
 from ...filters.rotation import FloatArray, matrix_from_rpy
 from ..config import Config
 from ..engine.events import GnssEvent
-from ..engine.gnss import gnss_timeline
+from ..engine.gnss import GnssTimeline
+from ..engine.prepared import Prepared, without_constraints
 from ..evaluation.interpolation import covered
 from ..notes import plain
 from ..pipeline import navigate
 from ..solution import AlignmentReport, Solution, Trajectory, Update
-from ..spells.degradation import degrade
-from ..spells.outages import Outages, Spell
 
 #: Below this speed the course of a GNSS velocity is no heading; the last one is held [m/s].
 _MIN_SPEED = 2.0
-#: How long after its epoch alignment may still need GNSS: receiver clock, levelling window [s].
-_LOOK_AHEAD = (0.05, 1.0, 2.0, 5.0, 10.0, 20.0)
+_SENTENCES = {
+    "gnss": "Positions and velocities as GNSS has them, interpolated between epochs, held where "
+    "there are none; no IMU.",
+    "inertial": "The start that every run has, with GNSS until it is found; then the IMU alone.",
+    "certified": "An attitude certified in motion from IMU and Doppler, with the latest position "
+    "until then; then the IMU alone.",
+    "off": "Loose coupling with four satellites and more; below four the IMU alone.",
+    "ddia": "Loose coupling; from two or three satellites the velocity of DDIA-VE.",
+    "rows": "Loose coupling; from two or three satellites each difference of their Doppler as a "
+    "measurement.",
+    "windows": "Heading of sliding windows, each aligned for itself from Doppler and odometer, or "
+    "from Doppler and IMU where there is none; no position.",
+}
+#: Kinds that have no GNSS once there is a start.
+ALONE = ("inertial", "certified")
 #: An epoch is in force for so many median intervals.
 _IN_FORCE = 2.5
 
@@ -61,17 +74,26 @@ class Method:
     vehicle: bool = False
     smooth: bool = False
 
+    @property
+    def sentence(self) -> str:
+        """What it does, for people."""
+        words = _SENTENCES[self.below_four if self.kind == "loose" else self.kind]
+        words += " The vehicle's constraints hold throughout, as configured." * self.vehicle
+        return words + " Smoothed: every epoch knows what came after it." * self.smooth
+
     def config(self, base: Config) -> Config:
         """Return the configuration that makes a run this method."""
-        vehicle = base.vehicle
-        if not self.vehicle:
-            nothing = {"nhc": "off", "odometer": "off", "zupt": False, "zaru": False}
-            vehicle = dataclasses.replace(vehicle, **nothing)  # type: ignore[arg-type]
+        alignment = base.alignment
+        if self.kind == "certified":
+            # Where it is may be known less well than how it stands: what drifts is judged anyway.
+            alignment = dataclasses.replace(
+                alignment, method="certified", position_age_s=float("inf")
+            )
         return dataclasses.replace(
-            base,
+            base if self.vehicle else without_constraints(base),
+            alignment=alignment,
             filter=dataclasses.replace(base.filter, smooth=self.smooth),
             gnss=dataclasses.replace(base.gnss, below_four=self.below_four),
-            vehicle=vehicle,
         )
 
 
@@ -117,7 +139,11 @@ def parse_methods(text: str) -> list[Method]:
 
 
 def solve(
-    sequence: Sequence, method: Method, config: Config, alignment: AlignmentReport
+    sequence: Sequence,
+    method: Method,
+    config: Config,
+    alignment: AlignmentReport,
+    prepared: Prepared | None = None,
 ) -> Solution:
     """Return the solution of one method.
 
@@ -129,41 +155,28 @@ def solve(
         Of any kind but 'windows', which has no trajectory.
     config : Config
     alignment : AlignmentReport
-        Of the run without spells: GNSS alone is judged from there on, and the IMU is alone from
-        there on.
+        Of the run without spells: GNSS alone is judged from there on.
+    prepared : Prepared, optional
+        What the methods have in common on `sequence`.
+
+    Raises
+    ------
+    NavError
+        Why there is none.
     """
+    prepared = prepared or Prepared(sequence)
+    own = method.config(config)
     if method.kind == "gnss":
-        return gnss_only(sequence, method.config(config), alignment)
-    if method.kind == "inertial":
-        return _alignment_only(sequence, method.config(config), alignment)
-    if method.kind == "certified":
-        return _certified_only(sequence, method.config(config))
-    return navigate(sequence, method.config(config))
+        return gnss_only(sequence, own, alignment, prepared.timeline(own))
+    if method.kind in ALONE:
+        start, _ = prepared.start(own)
+        return navigate(sequence, own, prepared=prepared, until=start.known)
+    return navigate(sequence, own, prepared=prepared)
 
 
-def _alignment_only(sequence: Sequence, config: Config, alignment: AlignmentReport) -> Solution:
-    """Navigate with no more GNSS than alignment needs, which may look a little past its epoch."""
-    nothing = Outages("alignment only")
-    for after in _LOOK_AHEAD:
-        never_again = [Spell(alignment.time + after, np.inf)]
-        try:
-            return navigate(degrade(sequence, never_again, nothing), config)
-        except (AlignmentError, ConfigError) as error:
-            last = error
-    raise last
-
-
-def _certified_only(sequence: Sequence, config: Config) -> Solution:
-    """Navigate with no more GNSS than up to the end of the window that passed every verdict."""
-    config = dataclasses.replace(
-        config, alignment=dataclasses.replace(config.alignment, method="certified")
-    )
-    passed, _ = navigate(sequence, config).alignment.attempts[-1]
-    never_again = [Spell(float(np.nextafter(passed, np.inf)), np.inf)]
-    return navigate(degrade(sequence, never_again, Outages("certified only")), config)
-
-
-def gnss_only(sequence: Sequence, config: Config, alignment: AlignmentReport) -> Solution:
+def gnss_only(
+    sequence: Sequence, config: Config, alignment: AlignmentReport, timeline: GnssTimeline
+) -> Solution:
     """Return GNSS positions and velocities as a trajectory of the IMU, without using the IMU.
 
     The lever arm is taken off with the course as heading, level. Where epochs are missing, the
@@ -174,7 +187,6 @@ def gnss_only(sequence: Sequence, config: Config, alignment: AlignmentReport) ->
     AlignmentError
         If there are no positions.
     """
-    timeline = gnss_timeline(sequence, config.gnss)
     positions = _usable(timeline.events, "position")
     if not positions:
         raise AlignmentError(f"{sequence.name}: no GNSS positions")

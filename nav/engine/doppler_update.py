@@ -8,7 +8,9 @@ screened by C/N0 and |SDV·RMD|.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -117,6 +119,7 @@ class DopplerUpdates:
         """Enlarge the covariance: of the velocity alone, if that is likely to be all."""
         self._screening.forget()
         usable = rows.take(np.isin(rows.sat, event.satellites))
+        usable = replace(usable, z_by_pos=None)  # it is the velocity that they speak of
         m = rows_measurement(self.kalman, self.calibration, usable)
         if checked and event.time - self._doubted >= _AGAIN:
             self.kalman.doubt(m)
@@ -127,7 +130,7 @@ class DopplerUpdates:
     def _adapted(self, m: Measurement) -> Measurement:
         """Return a measurement with R enlarged by what its NIS says R lacks."""
         nis = self.kalman.test(m, 0.0).nis
-        return Measurement(m.z, m.H, m.R * max(1.0, nis / m.z.size))
+        return dataclasses.replace(m, R=m.R * max(1.0, nis / m.z.size))
 
     def _enough(self, satellites: int) -> bool:
         """Tell whether an epoch counts as four and more: four alone only the second time."""
@@ -150,7 +153,7 @@ def rows_measurement(
     return measurements.range_rates(
         kalman.state, kalman.model.size, rows.e_e, rows.z, rows.sigma,
         kalman.antenna_point(calibration.lever_antenna_b), kalman.omega_b, kalman.model.clock,
-        kalman.gnss.clock_drift,
+        kalman.gnss.clock_drift, rows.z_by_pos, tuple(map(str, rows.sat)),
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...alignment.in_motion.rows import DopplerEpoch
 from ...datasets.observations import GnssObservations
+from ...filters.measurements import Biases
 from ...filters.rotation import FloatArray
 from ...velocity.range_rate import DopplerNoise
 from ..config import GnssConfig
@@ -53,6 +54,8 @@ class GnssEvent:
         Covariance of the part that `shared` is about [m²]; default: `SHARED` of the whole.
     resolved : bool
         Whether the ambiguities of a position's carrier phases are resolved.
+    ranges : Biases, optional
+        What an error of each pseudorange does to a position, and what its residuals say of it.
     """
 
     time: float
@@ -67,6 +70,7 @@ class GnssEvent:
     lasting_e: FloatArray | None = None
     shared_cov_e: FloatArray | None = None
     resolved: bool = False
+    ranges: Biases | None = None
 
     @property
     def sigma(self) -> float:

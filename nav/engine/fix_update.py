@@ -77,6 +77,8 @@ class FixUpdates:
         m = measurements.position(
             kalman.state, model.size, event.value_e, event.cov_e, antenna, kalman.omega_b
         )
+        if event.ranges is not None:
+            m = dataclasses.replace(m, biases=event.ranges)
         common_cov_e = event.common_cov_e
         if common_cov_e is None or model.fix_bias is None:
             return m
@@ -99,7 +101,7 @@ class FixUpdates:
         if outcome.accepted or not outcome.nis <= self.config.gate_width**2 * outcome.limit:
             return outcome, ""
         while not kalman.test(m, gate).accepted:
-            m = Measurement(m.z, m.H, 1.2 * m.R)
+            m = dataclasses.replace(m, R=1.2 * m.R)
         kalman.update(m)
         reason = f"weighted down to the gate (NIS > {outcome.limit:.1f})"
         return dataclasses.replace(outcome, accepted=True), reason

@@ -21,24 +21,28 @@ from ...datasets.observations import GnssFixes, GnssObservations
 from ...datasets.sequence import Sequence
 from ...filters.earth import SPEED_OF_LIGHT
 from ...filters.errors import ConfigError
-from ...filters.rotation import FloatArray
+from ...filters.measurements import Biases
 from ...velocity.least_squares import REJECTED
 from ..config import GnssConfig
 from ..notes import Note, plain
 from ..rejections import rejections
-from ..solution import Epochs
+from ..solution import Epochs, Resolution
+from .constellations import weighed_constellations
 from .events import GnssEvent, doppler_noise, inflated, missing
 from .relative import with_relative_positions
+from .whereabouts import Whereabouts, without_fixes
 
 if TYPE_CHECKING:
     from ...datasets.rtklib import SinglePoint
+    from ...datasets.rtklib.each_range import EachRange
 
 
 @dataclass(frozen=True, eq=False)
 class GnssTimeline:
     """All events in time order, the epochs they came from, and the screened observations.
 
-    `misfit` is that of the single-point positions, None where positions are others.
+    `misfit` is that of the single-point positions, None where positions are others; `resolution`
+    is None where none are relative to a base.
     """
 
     events: tuple[GnssEvent, ...]
@@ -46,8 +50,11 @@ class GnssTimeline:
     observations: GnssObservations | None
     notes: tuple[Note, ...] = ()
     misfit: float | None = None
+    resolution: Resolution | None = None
 
 
+#: Reflections with twice this detour arrive too weak to be tracked, 1σ of a pseudorange [m].
+_LONGEST_DETOUR = 300.0
 #: Fewer rows of a satellite than this say nothing about it.
 _MANY = 30
 #: Reason given to rows of satellites that are wrong all the time.
@@ -82,10 +89,9 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         epochs = Epochs(sequence.fixes.time, sequence.fixes.satellites, sequence.fixes.satellites)
         return GnssTimeline(_in_order(events), epochs, None, notes)
 
-    observations = sequence.observations.mark(
-        sequence.observations.cn0 < config.min_cn0_dbhz, "weak signal"
-    )
-    events, where, misfit = [], None, None
+    observations = _of_systems(sequence.observations, config.systems)
+    observations = observations.mark(observations.cn0 < config.min_cn0_dbhz, "weak signal")
+    events, where, misfit, resolution = [], None, None, None
     faulty, wrong = (np.zeros(len(observations), dtype=bool) for _ in range(2))
     if position in ("spp", "rtk"):
         events, where, faulty, wrong, doubts, misfit = _single_point(observations, sequence, config)
@@ -93,25 +99,28 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         if position == "rtk":
             lost = ~np.isin(observations.time, where.time)  # code that no fix vouches for
             kept = observations.mark(faulty | lost, "not in the single-point fix")
-            events, found = with_relative_positions(events, kept, sequence, config)
-            notes += plain([found])
+            events, resolution, found = with_relative_positions(events, kept, sequence, config)
+            notes += found
     elif sequence.fixes is not None:
         fixes = sequence.fixes
         at = fixes.take(fixes.usable)
-        where = _Whereabouts(at.time, at.pos_e, np.zeros(len(at)))
+        where = Whereabouts.of(at)
         if position == "carried":
             events = _carried(fixes, "position", config)
+    if velocity == "doppler" and (where is None or not where.time.size):
+        where, text = without_fixes(sequence, observations, config)
+        notes += (Note("note", text),)
     if where is not None and where.time.size:
         observations = _masked(observations, where, config)
     epochs = _count(observations)
     if velocity == "doppler":
-        if where is None or not where.time.size:
-            raise ConfigError(
-                "gnss.velocity: Doppler needs an approximate position, and there is none — "
-                "add navigation files for single-point positions"
-            )
+        assert where is not None
         # Whose orbit is wrong all the time has no line of sight and no velocity to speak of.
         observations = observations.mark(wrong, _WRONG)
+        observations, said = weighed_constellations(
+            observations, where.at(observations.time), doppler_noise(config)
+        )
+        notes += said
         velocities, observations, tested = _doppler(observations, where, config)
         events += velocities
         notes += tuple(_always_refused(observations, tested))
@@ -120,28 +129,22 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
         events += _carried(sequence.fixes, "velocity", config)
     # Marked last: one faulty pseudorange says nothing about the Doppler, which has its own test.
     observations = observations.mark(faulty, "pseudorange residual")
-    return GnssTimeline(_in_order(events), epochs, observations, notes, misfit)
+    return GnssTimeline(_in_order(events), epochs, observations, notes, misfit, resolution)
+
+
+def _of_systems(observations: GnssObservations, systems: str) -> GnssObservations:
+    """Return the observations with other constellations than those asked for marked."""
+    if not systems:
+        return observations
+    other = ~np.isin(observations.sat.astype("U1"), list(systems))
+    if other.all():
+        held = ", ".join(np.unique(observations.sat.astype("U1")))
+        raise ConfigError(f"gnss.systems: found {systems!r}, and the recording has {held} only")
+    return observations.mark(other, "constellation not asked for")
 
 
 def _in_order(events: list[GnssEvent]) -> tuple[GnssEvent, ...]:
     return tuple(sorted(events, key=lambda event: (event.time, event.kind)))
-
-
-@dataclass(frozen=True, eq=False)
-class _Whereabouts:
-    """Where the antenna roughly was, and how far off the receiver's clock."""
-
-    time: FloatArray  # by the receiver's clock [s]
-    pos_e: FloatArray
-    clock: FloatArray  # [s], receiver − GPS time
-
-    def at(self, time: FloatArray) -> FloatArray:
-        """Return positions interpolated to `time`, held beyond the ends, shape (n, 3)."""
-        return np.column_stack([np.interp(time, self.time, column) for column in self.pos_e.T])
-
-    def true_time(self, time: float) -> float:
-        """Return the GPS time of an epoch that the receiver labels `time`."""
-        return time - float(np.interp(time, self.time, self.clock))
 
 
 def sources(sequence: Sequence, config: GnssConfig) -> tuple[str, str]:
@@ -200,7 +203,7 @@ def _carried(fixes: GnssFixes, kind: str, config: GnssConfig) -> list[GnssEvent]
 def _single_point(
     observations: GnssObservations, sequence: Sequence, config: GnssConfig
 ) -> tuple[
-    list[GnssEvent], _Whereabouts, NDArray[np.bool_], NDArray[np.bool_], tuple[Note, ...], float
+    list[GnssEvent], Whereabouts, NDArray[np.bool_], NDArray[np.bool_], tuple[Note, ...], float
 ]:
     """Return single-point positions as events and as whereabouts, notes, and their misfit.
 
@@ -219,17 +222,19 @@ def _single_point(
         code_sigma=config.code_sigma_m,
         weak_sigma=config.code_weak_sigma_m,
     )
-    where = _Whereabouts(spp.fixes.time, spp.fixes.pos_e, spp.clock / SPEED_OF_LIGHT)
+    where = Whereabouts.of(spp.fixes, spp.clock / SPEED_OF_LIGHT)
     scale, floor = config.position_sigma_scale, config.position_sigma_floor_m
     lasting = [None] * len(where.time) if spp.lasting_cov_e is None else spp.lasting_cov_e
+    ranges = [None] * len(where.time) if spp.ranges is None else spp.ranges
     events = [
         GnssEvent(
             time, "position", pos_e, inflated(cov, scale, floor), satellites,
             shared=True, lasting_e=stays,
+            ranges=_ranges(satellites, each),
         )
-        for time, pos_e, cov, satellites, stays in zip(
+        for time, pos_e, cov, satellites, stays, each in zip(
             where.time - where.clock, spp.fixes.pos_e, spp.fixes.pos_cov_e, spp.satellites,
-            lasting, strict=True,
+            lasting, ranges, strict=True,
         )
     ]  # fmt: skip
     offered = _satellites(observations, np.isfinite(observations.pseudorange))
@@ -242,6 +247,13 @@ def _single_point(
     faulty[[*spp.rejected, *spp.left_out]] = True
     notes = tuple(_persistent(spp, observations, wrong))
     return events, where, faulty, wrong, notes, spp.misfit
+
+
+def _ranges(satellites: tuple[str, ...], each: EachRange | None) -> Biases | None:
+    if each is None:
+        return None
+    names = tuple(f"pseudorange of {name}" for name in satellites)
+    return Biases(names, each.gain, _LONGEST_DETOUR, each.excess, each.noise, each.lasting)
 
 
 def _persistent(
@@ -297,7 +309,7 @@ def _satellites(
 
 
 def _masked(
-    observations: GnssObservations, where: _Whereabouts, config: GnssConfig
+    observations: GnssObservations, where: Whereabouts, config: GnssConfig
 ) -> GnssObservations:
     """Return the observations with elevations filled in and low satellites marked."""
     from ...velocity.range_rate import with_elevation
@@ -308,7 +320,7 @@ def _masked(
 
 
 def _doppler(
-    observations: GnssObservations, where: _Whereabouts, config: GnssConfig
+    observations: GnssObservations, where: Whereabouts, config: GnssConfig
 ) -> tuple[list[GnssEvent], GnssObservations, NDArray[np.bool_]]:
     """Return for every epoch a least-squares velocity, else its rows, else the reason.
 
@@ -329,7 +341,10 @@ def _doppler(
         tested[here.row] = len(here) >= _TESTED
         at = where.true_time(time)
         kept = here.take(~np.isin(here.row, found.rejected)) if found.rejected else here
-        offer = DopplerEpoch(at, where.at(np.array([time]))[0], kept) if len(kept) else None
+        offer = None
+        if len(kept):
+            here_e, known = where.at(np.array([time]))[0], where.sigma_at(np.array([time]))
+            offer = DopplerEpoch(at, here_e, kept, float(known[0]), where.assumed)
         if found.ok:
             # Four satellites fit any velocity; one reflected among them is not rare.
             cov = inflated(found.cov_e, scale, floor if found.dof else np.hypot(floor, _UNCHECKED))

@@ -9,16 +9,18 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ...datasets.imu_faults import Stretch
 from ...datasets.sequence import Calibration
 from ...filters.compiled import rows as layout
+from ...filters.ekf import ErrorStateFilter
 from ...filters.error_model import ErrorModel
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray
-from ...filters.smoother import smooth
+from ...filters.smoother import Separation, separation, smooth
 from ...filters.strapdown import InertialStream
 from ..config import Config
 from ..installation import Installation
@@ -26,6 +28,7 @@ from ..notes import Note, clock
 from ..solution import Update
 from .blind import Spell
 from .events import GnssEvent
+from .integrity.levels import Levels
 from .loop import Diverged, FilterLoop
 from .start.finder import again, find_start
 from .start.state import Start, start_filter
@@ -45,6 +48,8 @@ class Leg:
     start : Start
     rows : ndarray, shape (m, ROW_SIZE)
         As recorded, or smoothed where the leg ran to the end.
+    causal : ndarray, shape (m, ROW_SIZE)
+        As recorded.
     updates : tuple of Update
     lost : str
         Why it ended before the data; '' where it did not.
@@ -54,20 +59,30 @@ class Leg:
         Time the start has taken to find [s].
     installation : Installation
         How the IMU sits in the vehicle, as known at its end.
+    levels : ndarray, shape (k, 3)
+        Protection levels (`nav.engine.integrity.levels.Levels.made`).
+    separation : Separation, optional
+        Of a smoothed one.
     """
 
     start: Start
     rows: FloatArray
+    causal: FloatArray
     updates: tuple[Update, ...]
     lost: str
     until: float
     installation: Installation
     aligning: float = 0.0
+    levels: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    separation: Separation | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """All a leg is made of; the start, and the time it has taken to find [s], if it is known."""
+    """All a leg is made of; the start, and the time it has taken to find [s], if it is known.
+
+    `blind` is where axes are frozen or clipped, `spells` what follows of that and of gaps.
+    """
 
     events: tuple[GnssEvent, ...]
     stream: InertialStream
@@ -77,6 +92,7 @@ class Course:
     spells: tuple[Spell, ...]
     config: Config
     start: tuple[Start, float] | None = None
+    blind: tuple[Stretch, ...] = ()
 
 
 def legs(course: Course, report: Callable[[float, str], None]) -> Iterator[Leg]:
@@ -122,6 +138,7 @@ def _leg(course: Course, after: float, report: Callable[[float, str], None]) -> 
         start = found_start(course, events)
         aligning = time.perf_counter() - began
     kalman = start_filter(start, course.stream, calibration, course.model, config.filter)
+    levels = _levels(kalman, start, config.filter.protection_risk)
     loop = FilterLoop(kalman, calibration, course.vehicle, config, deque(course.spells))
     begin, end = kalman.time, course.stream.end
     try:
@@ -134,13 +151,29 @@ def _leg(course: Course, after: float, report: Callable[[float, str], None]) -> 
         rows = _kept(kalman.rows)
         until = max(float(rows[-1, layout.ROW_TIME]) if len(rows) else begin, loop.reached)
         found = course.vehicle.installation(kalman)
-        return Leg(start, rows, tuple(loop.updates), str(error), until, found, aligning)
-    rows = kalman.rows
+        return Leg(
+            start, rows, rows, tuple(loop.updates), str(error), until, found, aligning, levels()
+        )
+    rows = causal = kalman.rows
+    apart = None
     if kalman.tape is not None:
         report(1.0, "smoother")
         rows = smooth(kalman.tape, kalman.P)
+        apart = separation(kalman.tape, rows)
     found = course.vehicle.installation(kalman)
-    return Leg(start, rows, tuple(loop.updates), "", end, found, aligning)
+    updates = tuple(loop.updates)
+    return Leg(start, rows, causal, updates, "", end, found, aligning, levels(), apart)
+
+
+def _levels(kalman: ErrorStateFilter, start: Start, risk: float) -> Callable[[], FloatArray]:
+    """Let protection levels go along with a filter; return what hands them over."""
+    if risk == 0.0:
+        return lambda: np.zeros((0, 3))
+    levels = Levels(kalman, risk)
+    if start.fix is not None and start.fix.ranges is not None:
+        levels.begin(start.fix.ranges)
+    kalman.follow(levels)
+    return lambda: levels.made
 
 
 def _kept(rows: FloatArray) -> FloatArray:

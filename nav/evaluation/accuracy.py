@@ -126,10 +126,40 @@ def evaluate(solution: Solution, sequence: Sequence, *, max_gap: float = 1.0) ->
     DataError
         If there is a reference but the solution covers none of its epochs.
     """
+    if sequence.reference is None:
+        return without_reference(normalised_nis(solution.updates))
+    return against(
+        solution, sequence.reference, sequence.calibration.C_bv, sequence.imu, max_gap=max_gap
+    )
+
+
+def against(
+    solution: Solution,
+    reference: Reference,
+    C_bv: FloatArray,
+    imu: ImuData | None = None,
+    *,
+    max_gap: float = 1.0,
+) -> Evaluation:
+    """Compare `solution` with a reference; what `evaluate` does.
+
+    Parameters
+    ----------
+    solution : Solution
+    reference : Reference
+    C_bv : ndarray, shape (3, 3)
+        Mounting, for a reference attitude of the vehicle.
+    imu : ImuData, optional
+        Without it the velocity of a reference point away from the IMU is not compared.
+    max_gap : float
+        As for `evaluate`.
+
+    Raises
+    ------
+    DataError
+        If the solution covers no epoch of the reference.
+    """
     nis_mean = normalised_nis(solution.updates)
-    reference = sequence.reference
-    if reference is None:
-        return without_reference(nis_mean)
     keep = covered(solution.trajectory.time, reference.time, max_gap)
     if not keep.any():
         raise _no_overlap(solution, reference)
@@ -138,18 +168,18 @@ def evaluate(solution: Solution, sequence: Sequence, *, max_gap: float = 1.0) ->
     C_ne_ref = np.swapaxes(C_en_of(ref_pos_e), 1, 2)
 
     error_pos_n = _rotate(C_ne_ref, at.pos_e + at.C_eb @ reference.lever_b - ref_pos_e)
-    vel_e = at.vel_e + _lever_velocity_e(at, sequence.inertial, reference.lever_b)
+    vel_e = at.vel_e + _lever_velocity_e(at, imu, reference.lever_b)
     error_vel_n = _rotate(C_ne_ref, vel_e - reference.vel_e[keep])
 
     C_nb = C_ne_ref @ at.C_eb  # the same north for both: their meridians converge
     if reference.attitude_frame == "v":
-        C_nb = C_nb @ sequence.calibration.C_bv
+        C_nb = C_nb @ C_bv
     error_rpy = wrap_angle(rpy_from_matrix(C_nb) - reference.rpy[keep])
     aligned, misalignment_rpy = remove_misalignment(C_nb, reference.rpy[keep])
 
     nees = _nees(error_pos_n, at.cov_pos_n)
     return Evaluation(
-        metrics=_metrics(error_pos_n, error_vel_n, error_rpy, aligned),
+        metrics=errors_of(error_pos_n, error_vel_n, error_rpy, aligned),
         consistency={"nees_position_mean": _mean(nees), "nis_mean": nis_mean},
         time=time,
         ref_lla=ecef_to_lla(ref_pos_e),
@@ -194,10 +224,12 @@ def mean_rate_b(imu: ImuData, time: FloatArray, window: float = 0.1) -> FloatArr
     return rate
 
 
-def _lever_velocity_e(at: Trajectory, imu: ImuData, lever_b: FloatArray) -> FloatArray:
-    """Return C_eb (ω_eb^b × lever_b) [m/s], shape (m, 3)."""
+def _lever_velocity_e(at: Trajectory, imu: ImuData | None, lever_b: FloatArray) -> FloatArray:
+    """Return C_eb (ω_eb^b × lever_b) [m/s], shape (m, 3); NaN where the rate is not known."""
     if not lever_b.any():
         return np.zeros_like(at.vel_e)
+    if imu is None:
+        return np.full_like(at.vel_e, np.nan)
     rate_b = rate_over_earth(at.C_eb, mean_rate_b(imu, at.time) - at.gyro_bias)
     return lever_velocity(at.C_eb, rate_b, lever_b)
 
@@ -319,7 +351,8 @@ def _rotate(C: FloatArray, vectors: FloatArray) -> FloatArray:
 
 def _nees(error: FloatArray, cov: FloatArray) -> FloatArray:
     nees = np.full(len(error), np.nan)
-    regular = np.linalg.det(cov) > 0.0
+    regular = np.asarray(np.isfinite(cov).all(axis=(1, 2)))
+    regular[regular] = np.linalg.det(cov[regular]) > 0.0
     weighted = np.linalg.solve(cov[regular], error[regular][:, :, None])[:, :, 0]
     nees[regular] = np.sum(error[regular] * weighted, axis=1)
     return nees
@@ -335,9 +368,10 @@ def _rms(values: FloatArray) -> float | None:
     return None if mean is None else float(np.sqrt(mean))
 
 
-def _metrics(
+def errors_of(
     pos_n: FloatArray, vel_n: FloatArray, rpy: FloatArray, aligned: FloatArray
 ) -> dict[str, float | None]:
+    """Return the figures of `METRICS` of errors as an `Evaluation` has them."""
     horizontal = np.hypot(pos_n[:, 0], pos_n[:, 1])
     p50, p95 = (float(p) for p in np.percentile(horizontal, [50, 95]))
     values = [

@@ -81,4 +81,5 @@ def interpolate(trajectory: Trajectory, time: FloatArray) -> Trajectory:
         cov_att_n=linear(trajectory.cov_att_n),
         std_gyro_bias=linear(trajectory.std_gyro_bias),
         std_accel_bias=linear(trajectory.std_accel_bias),
+        protection=linear(trajectory.protection),
     )

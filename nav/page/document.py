@@ -35,6 +35,8 @@ p { margin: 4px 0 10px; max-width: 90ch; }
 .split { display: grid; grid-template-columns: minmax(0, 720px) minmax(0, 1fr); gap: 32px; }
 figure { margin: 8px 0 0; }
 figure img { display: block; width: 100%; height: auto; }
+.wide { overflow-x: auto; }
+.wide td.n { white-space: nowrap; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 14px; }
 th, td { padding: 4px 14px 4px 0; text-align: left; vertical-align: top;
   border-bottom: 1px solid var(--rule); }
@@ -42,25 +44,48 @@ thead th { color: var(--quiet); font-weight: 600; font-size: 13px; }
 tbody th { font-weight: 400; }
 td.n, th.n { text-align: right; padding-left: 10px; }
 .split table { width: 100%; }
+.wide { overflow-x: auto; max-width: 100%; }
+table.sortable thead th { cursor: pointer; }
+table.sortable thead th[aria-sort="ascending"]::after { content: " ▲"; font-size: 9px; }
+table.sortable thead th[aria-sort="descending"]::after { content: " ▼"; font-size: 9px; }
+.two { display: grid; grid-template-columns: minmax(0, 1fr) minmax(0, 1fr); gap: 24px; }
+.plot { margin: 6px 0 0; overflow: hidden; }
+.controls { display: flex; flex-wrap: wrap; gap: 6px 10px; align-items: center; max-width: none; }
+.span { position: sticky; top: 0; z-index: 20; background: #fffffff0; padding: 6px 0;
+  border-bottom: 1px solid var(--rule); margin: 18px 0 6px; }
+.span input { width: 6.5em; }
+button, select, input { font: inherit; font-size: 14px; padding: 2px 8px; color: var(--ink);
+  background: #fff; border: 1px solid #a7aeb8; border-radius: 4px; }
+button { cursor: pointer; }
+button[aria-pressed="true"] { background: var(--ink); color: #fff; }
+:focus-visible { outline: 2px solid var(--accent); outline-offset: 1px; }
+a { color: var(--accent); }
 ul { margin: 4px 0 10px; padding-left: 20px; max-width: 90ch; }
 pre { background: #f5f6f8; padding: 14px 16px; overflow-x: auto;
   font-size: 13px; line-height: 1.45; }
 summary { cursor: pointer; }
-@media (max-width: 900px) { .split { grid-template-columns: 1fr; } }
+@media (max-width: 900px) { .split { grid-template-columns: minmax(0, 1fr); }
+  .two { grid-template-columns: minmax(0, 1fr); } }
+@media (max-width: 600px) {
+  main { padding: 16px 12px 40px; } h1 { font-size: 24px; overflow-wrap: anywhere; }
+  .verdict { font-size: 16px; } .cards { grid-template-columns: 1fr 1fr; }
+  th, td { padding-right: 8px; } .span { position: static; }
+}
 @media print {
   main { max-width: none; padding: 0; } body { font-size: 10.5pt; }
+  .controls, .bk-Toolbar { display: none; } .plot { break-inside: avoid; }
   figure, table, .cards { break-inside: avoid; } h2 { break-after: avoid; }
 }
 """
 
 
-def document(title: str, body: str) -> str:
+def document(title: str, body: str, scripts: str = "") -> str:
     """Return one HTML page that loads nothing from anywhere; `title` is plain text."""
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n"
-        f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
+        f"<body>\n<main>\n{body}\n</main>\n{scripts}\n</body>\n</html>\n"
     )
 
 
@@ -73,8 +98,17 @@ def image(draw: Callable[[T], Figure | None], shown: T, alt: str, caption: str) 
     return f'<figure><img src="{address}" alt="{escape(alt)}">{text}</figure>'
 
 
-def table(headings: Sequence[str], rows: Iterable[Sequence[object]], numbers_from: int = 1) -> str:
-    """Return a table; columns from `numbers_from` on are set right."""
+def table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[object]],
+    numbers_from: int = 1,
+    *,
+    sortable: bool = False,
+) -> str:
+    """Return a table; columns from `numbers_from` on are set right.
+
+    One that is `sortable` sorts by the column whose heading is clicked (`page.js`).
+    """
 
     def cell(tag: str, k: int, value: object) -> str:
         kind = ' class="n"' if k >= numbers_from else ""
@@ -85,4 +119,8 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[object]], numbers_fro
         "<tr>" + "".join(cell("th" if k == 0 else "td", k, v) for k, v in enumerate(row)) + "</tr>"
         for row in rows
     )
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+    kind = ' class="sortable"' if sortable else ""
+    return (
+        f'<div class="wide"><table{kind}><thead><tr>{head}</tr></thead>'
+        f"<tbody>{''.join(lines)}</tbody></table></div>"
+    )

@@ -9,6 +9,7 @@ import base64
 import io
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 import matplotlib
@@ -32,6 +33,17 @@ _STYLE = {
     "svg.hashsalt": "certnav", "figure.constrained_layout.use": True, "figure.dpi": 100.0,
     "axes.formatter.useoffset": False, "figure.constrained_layout.wspace": 0.03,
 }  # fmt: skip
+
+
+def save(draw: Callable[[T], Figure | None], shown: T, file: Path) -> bool:
+    """Write a figure as pdf, svg or png, by its suffix; return whether there was one."""
+    with matplotlib.rc_context(_STYLE | {"pdf.fonttype": 42}):
+        figure = draw(shown)
+        if figure is None:
+            return False
+        dated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+        figure.savefig(file, dpi=200, metadata=dated.get(file.suffix))
+    return True
 
 
 def render(draw: Callable[[T], Figure | None], shown: T) -> str | None:

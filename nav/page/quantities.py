@@ -5,7 +5,7 @@ from __future__ import annotations
 
 def quantity(value: float | None, unit: str) -> str:
     """Return a figure to three digits with its unit, or a dash."""
-    if value is None:
+    if value is None or value != value:
         return "—"
     text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
     return text + unit if unit in ("", "°") else f"{text} {unit}"

@@ -13,7 +13,8 @@ from ..evaluation.accuracy import rpy_covariance, standard_deviation
 from ..page.pictures import BLUE, GREY, INK, ORANGE, SKY, VERMILLION, WIDTH
 from ..results.directory import Result
 from ..results.formats import geodetic_and_ned
-from .panels import band, finish, line, thin
+from .coverage import thin
+from .panels import band, finish, line
 
 _NED = ("north", "east", "down")
 _RPY = ("roll", "pitch", "heading")
@@ -47,6 +48,52 @@ def position(result: Result) -> Figure:
     grid = figure.subplots(3, 1, sharex=True, squeeze=False)
     for k, axes in enumerate(grid[:, 0]):
         _error_panel(axes, result, result.evaluation.error_pos_n[:, k], sigma3[:, k], _NED[k], "m")
+    finish(figure, grid, result)
+    return figure
+
+
+def protection(result: Result) -> Figure | None:
+    """Draw the protection levels over the errors, and over σ; None where there are none."""
+    trajectory, evaluation = result.solution.trajectory, result.evaluation
+    if not np.isfinite(trajectory.protection).any():
+        return None
+    t = trajectory.time - trajectory.time[0]
+    t_error = evaluation.time - trajectory.time[0]
+    error, cov = evaluation.error_pos_n, trajectory.cov_pos_n
+    sigma = np.sqrt(np.maximum(cov[:, 0, 0], cov[:, 1, 1])), np.sqrt(cov[:, 2, 2])
+    off = np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
+    figure = Figure(figsize=(WIDTH, 4.2))
+    grid = figure.subplots(2, 1, sharex=True, squeeze=False)
+    for k, (axes, name) in enumerate(zip(grid[:, 0], ("horizontal", "vertical"), strict=True)):
+        line(axes, t, trajectory.protection[:, k], color=VERMILLION, label="protection level")
+        line(axes, t, sigma[k], color=GREY, label="1σ")
+        if t_error.size:
+            # A zero has no place on a logarithmic axis.
+            line(axes, t_error, np.maximum(off[k], 1e-3), color=BLUE, label="error")
+        axes.set_yscale("log")
+        axes.set_ylabel(f"{name} [m]")
+    finish(figure, grid, result)
+    return figure
+
+
+def separation(result: Result) -> Figure | None:
+    """Draw forward and backward against smoothed positions, and χ²; None where there are none."""
+    found = result.solution.separation
+    if found is None:
+        return None
+    t = found.time - result.solution.trajectory.time[0]
+    figure = Figure(figsize=(WIDTH, 7.0))
+    grid = figure.subplots(4, 1, sharex=True, squeeze=False)
+    known = np.isfinite(found.chi2)
+    for k, axes in enumerate(grid[:3, 0]):
+        line(axes, t, found.forward_n[:, k], color=BLUE, label="forward − smoothed")
+        line(axes, t[known], found.backward_n[known, k], color=ORANGE, label="backward − smoothed")
+        axes.set_ylabel(f"{_NED[k]} [m]")
+    axes = grid[3, 0]
+    line(axes, t[known], np.maximum(found.chi2[known], 1e-3), color=INK, label="χ² between them")
+    axes.axhline(3.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
+    axes.set_yscale("log")
+    axes.set_ylabel("χ², 3 dof [1]")
     finish(figure, grid, result)
     return figure
 

@@ -9,13 +9,18 @@ import numpy as np
 
 from ...datasets.gpstime import to_calendar, to_week_sow
 from ...datasets.placing import write_file
-from ..evaluation.accuracy import normalised_nis, standard_deviation
+from ..evaluation.accuracy import normalised_nis
+from ..notes import times_in
 from ..page import document
+from ..page.board import Board
 from ..page.quantities import duration, length, quantity
 from ..results.directory import Result, read_result
-from . import figures
-from .track import track
-from .verdict import gate_activity, verdict
+from .bounds import protection, separation
+from .map import track_map
+from .sky import Sky
+from .span import span_controls, span_table
+from .timeline import Timeline, start_up
+from .verdict import coverage, gate_activity, verdict
 
 
 def write_report(directory: Path) -> Path:
@@ -27,30 +32,60 @@ def write_report(directory: Path) -> Path:
 
 def build_report(result: Result) -> str:
     """Return the report of a result as one HTML page that loads nothing from anywhere."""
-    title = escape(result.name)
+    trajectory, alignment = result.solution.trajectory, result.solution.alignment
+    start = alignment.time - alignment.waited
+    if not np.isfinite(start):
+        start = float(trajectory.time[0])
+    board = Board(start, *(trajectory.time[[0, -1]] - start))
+    panels = Timeline(result, board)
     body = "\n".join(
         [
-            f"<h1>{title}</h1>",
+            f"<h1>{escape(result.name)}</h1>",
             f'<p class="meta">{escape(_provenance(result))}</p>',
             _verdict(result),
+            _doubts(result, start),
             _cards(result),
-            _track_section(result),
-            _satellite_section(result),
-            _figure_section("Position", figures.position, result, _position_caption(result)),
-            _figure_section("Velocity", figures.velocity, result, _velocity_caption(result)),
-            _figure_section("Attitude", figures.attitude, result, _attitude_caption(result)),
-            _figure_section("Biases", figures.biases, result, "Measured minus true, body axes "
-                            "(x forward, y right, z down)."),
-            _update_section(result),
+            span_controls(),
+            _track_section(result, board),
+            _satellite_section(result, board, panels),
+            _section("Position", board, panels.position(), _position_caption(result)),
+            _protection_section(result, board, panels),
+            _separation_section(result, board, panels),
+            _section("Drift", board, panels.since_fix(), "One point an epoch of the reference."),
+            _section("Distribution", board, panels.distribution(), "Dashed: errors that are normal "
+                     "with the filter's σ."),
+            _section("Velocity", board, panels.velocity(), ""),
+            _section("Attitude", board, panels.attitude(), _attitude_caption(result)),
+            _section("Motion", board, panels.motion(), ""),
+            _bias_section(board, panels),
+            _update_section(result, board, panels),
+            _start_section(result, board),
             _run_section(result),
         ]
     )  # fmt: skip
-    return document.document(f"{result.name} · certnav", body)
+    body, scripts = board.fill(body)
+    return document.document(f"{result.name} · certnav", body, scripts)
 
 
 def _verdict(result: Result) -> str:
     first, *rest = (escape(sentence) for sentence in verdict(result))
     return f'<p class="verdict"><strong>{first}</strong> {" ".join(rest)}</p>'
+
+
+def _doubts(result: Result, start: float) -> str:
+    """Return the notes that speak against the run, each with a link to the span it is about."""
+    lines = []
+    for note in result.solution.notes:
+        if note.doubtful:
+            times = [t - start for t in times_in(note.text, result.solution.trajectory.time[0])]
+            button = ""
+            if times:
+                button = (
+                    f' <button type="button" data-from="{min(times):.2f}" '
+                    f'data-to="{max(times):.2f}">show</button>'
+                )
+            lines.append(f"<li>{escape(note.text)}{button}</li>")
+    return f'<ul class="doubts">{"".join(lines)}</ul>' if lines else ""
 
 
 def _provenance(result: Result) -> str:
@@ -86,81 +121,52 @@ def _cards(result: Result) -> str:
     return f'<div class="cards">{cells}</div>'
 
 
-def _track_section(result: Result) -> str:
-    evaluation = result.evaluation
-    caption = "Metres in the local level plane at the start."
+def _track_section(result: Result, board: Board) -> str:
+    evaluation, caption = result.evaluation, ""
     if evaluation.has_reference:
-        caption += (
-            f" Wide grey line: reference ({evaluation.source}), which follows the "
+        caption = (
+            f"Wide grey line: reference ({evaluation.source}), which follows the "
             f"{evaluation.point.replace('imu', 'IMU')}; the solution follows the IMU."
         )
-    image = document.image(track, result, "Track of the vehicle", caption)
+        left_out = result.summary["reference"]["epochs_left_out"]
+        caption += f" {left_out} reference epochs are left out: the solution does not cover them."
     return (
-        f'<h2>Track</h2>\n<div class="split"><div>{image}</div><div>{_metrics(result)}</div></div>'
+        f'<h2>Track</h2>\n<div class="split"><div>{track_map(result, board)}'
+        f'<p class="note">{escape(caption)}</p></div>'
+        f"<div>{span_table(result, board.start)}</div></div>"
     )
 
 
-def _metrics(result: Result) -> str:
-    m, consistency = result.evaluation.metrics, result.evaluation.consistency
-    reference = result.summary["reference"]
-    if reference is None:
-        return _claims(result)
-    rows = [
-        ("Horizontal RMS", length(m["horizontal_rms_m"])),
-        ("Horizontal 50 %", length(m["horizontal_p50_m"])),
-        ("Horizontal 95 %", length(m["horizontal_p95_m"])),
-        ("Horizontal largest", length(m["horizontal_max_m"])),
-        ("Up RMS", length(m["up_rms_m"])),
-        ("Position 3D RMS", length(m["position_3d_rms_m"])),
-        ("Velocity 3D RMS", quantity(m["velocity_3d_rms_mps"], "m/s")),
-    ]
-    for axis in ("roll", "pitch", "heading"):
-        rows.append((f"{axis.capitalize()} RMS", quantity(m[f"{axis}_rms_deg"], "°")))
-        aligned = m[f"{axis}_rms_after_misalignment_deg"]
-        if aligned is not None:
-            rows.append(("– misalignment removed", quantity(aligned, "°")))
-    rows += [
-        ("NEES position (ideal 3)", quantity(consistency["nees_position_mean"], "")),
-        ("NIS per dof (ideal 1)", quantity(consistency["nis_mean"], "")),
-    ]
-    table = document.table(["Solution − reference", ""], rows)
-    return table + (
-        f'<p class="note">{reference["epochs_compared"]} reference epochs compared, '
-        f"{reference['epochs_left_out']} left out because the solution does not cover them.</p>"
-    )
+def _section(title: str, board: Board, rows: list, caption: str) -> str:
+    """Return a section of plots; nothing where there are none."""
+    if not rows:
+        return ""
+    text = f'<p class="note">{escape(caption)}</p>' if caption else ""
+    return f"<h2>{title}</h2>\n{text}{board.place(rows, f'{title} of the run')}"
 
 
-def _claims(result: Result) -> str:
-    trajectory = result.solution.trajectory
-    claims = [
-        ("North, 1σ", standard_deviation(trajectory.cov_pos_n)[:, 0], "m"),
-        ("East, 1σ", standard_deviation(trajectory.cov_pos_n)[:, 1], "m"),
-        ("Down, 1σ", standard_deviation(trajectory.cov_pos_n)[:, 2], "m"),
-        ("Velocity, 1σ", np.sqrt(np.trace(trajectory.cov_vel_n, axis1=1, axis2=2)), "m/s"),
-        ("Heading, 1σ", np.rad2deg(standard_deviation(trajectory.cov_att_n)[:, 2]), "°"),
-    ]
-    rows = [(name, quantity(float(np.median(sigma)), unit), quantity(float(sigma.max()), unit))
-            for name, sigma, unit in claims]  # fmt: skip
-    rows.append(
-        ("NIS per dof (ideal 1)", quantity(result.evaluation.consistency["nis_mean"], ""), "")
-    )
-    return document.table(["The filter claims", "median", "largest"], rows) + (
-        '<p class="note">No reference: there is nothing to compare these claims with.</p>'
-    )
-
-
-def _satellite_section(result: Result) -> str:
-    caption = (
+def _satellite_section(result: Result, board: Board, panels: Timeline) -> str:
+    rows = panels.satellites()
+    text = (
         "Dashed: 4, below which there is no position, and 2, below which there is no velocity. "
-        "Shaded in this and every later plot: where fewer than 4 were usable."
+        "Shaded in all plots: where fewer than 4 were usable."
+        if rows
+        else "Plots are shaded where no position was accepted for some seconds."
     )
-    image = document.image(figures.satellites, result, "Satellites over time", caption)
-    if not image:
-        image = (
-            "<p>No satellite observations in this run; plots are shaded where no position was "
-            "accepted for some seconds.</p>"
-        )
-    return f"<h2>Satellites</h2>\n{image}"
+    plots = board.place(rows, "Satellites over time") if rows else ""
+    signals = result.solution.signals
+    if signals is not None and len(signals):
+        sky = Sky(signals, board)
+        for grid, alt in (
+            (sky.use(), "When each satellite was used, and why not"),
+            (sky.strength(), "Signal strength over time"),
+            (sky.residuals(), "Residuals of range rates over time"),
+            (sky.dilution(), "Dilution of precision over time"),
+            (sky.plot(), "Where the satellites stood"),
+        ):
+            if grid:
+                plots += f"\n{board.place(grid, alt, stretch=grid[0][0].sizing_mode is not None)}"
+    return f'<h2>Satellites</h2>\n<p class="note">{coverage(result)} {text}</p>{plots}'
 
 
 def _position_caption(result: Result) -> str:
@@ -169,10 +175,29 @@ def _position_caption(result: Result) -> str:
     return "Without a reference only what the filter claims: ±3σ."
 
 
-def _velocity_caption(result: Result) -> str:
-    if result.evaluation.has_reference:
-        return "Left the solution; right solution minus reference at the reference point."
-    return "Left the solution; right what the filter claims."
+def _protection_section(result: Result, board: Board, panels: Timeline) -> str:
+    told = result.summary["protection"]
+    if told is None:
+        return ""
+    caption = (
+        f"What the error exceeds with a probability of {told['risk']:g} at most, whichever one of "
+        f"these is wrong: {', '.join(told['covers']) or 'none; σ alone'}."
+    )
+    if told["lacks"]:
+        caption += f" Not covered: {'; '.join(told['lacks'])}."
+    return _section("Protection level", board, protection(panels), caption)
+
+
+def _separation_section(result: Result, board: Board, panels: Timeline) -> str:
+    told = result.summary["separation"]
+    if told is None:
+        return ""
+    caption = (
+        "Position from the data before each epoch, and what the data after it make of it, less the "
+        f"smoothed one; below, χ² of what is between them, {quantity(told['chi2_mean'], '')} on "
+        "the average: 3 (dashed) if σ is right."
+    )
+    return _section("Forward, backward and combined", board, separation(panels), caption)
 
 
 def _attitude_caption(result: Result) -> str:
@@ -191,31 +216,70 @@ def _attitude_caption(result: Result) -> str:
     )
 
 
-def _figure_section(title: str, draw, result: Result, caption: str) -> str:
-    return f"<h2>{title}</h2>\n{document.image(draw, result, f'{title} over time', caption)}"
+def _bias_section(board: Board, panels: Timeline) -> str:
+    columns = "".join(
+        f"<div>{board.place(column, f'{name} biases over time')}</div>"
+        for name, column in zip(("Gyro", "Accelerometer"), panels.biases(), strict=True)
+    )
+    note = "Measured minus true, body axes (x forward, y right, z down)."
+    return f'<h2>Biases</h2>\n<p class="note">{note}</p><div class="two">{columns}</div>'
 
 
-def _update_section(result: Result) -> str:
+def _update_section(result: Result, board: Board, panels: Timeline) -> str:
     rows = []
     for kind, counts in result.summary["updates"].items():
         nis = normalised_nis(result.solution.updates, kind)
         rows.append((kind, "", counts["offered"], counts["accepted"], "", quantity(nis, "")))
-        rows += [("", reason, "", "", n, "") for reason, n in counts["rejected"].items()]
+        rows += [(kind, reason, "", "", n, "") for reason, n in counts["rejected"].items()]
         although = counts.get("accepted_although", {})
-        rows += [("", reason, "", n, "", "") for reason, n in although.items()]
+        rows += [(kind, reason, "", n, "", "") for reason, n in although.items()]
     headings = ["update", "reason", "offered", "accepted", "not used", "NIS per dof"]
     table = (
-        document.table(headings, rows, numbers_from=2) if rows else "<p>No update was offered.</p>"
+        document.table(headings, rows, numbers_from=2, sortable=True)
+        if rows
+        else "<p>No update was offered.</p>"
     )
     gates = "".join(f"<li>{escape(s[0].upper() + s[1:])}</li>" for s in gate_activity(result))
-    image = document.image(
-        figures.innovations,
-        result,
-        "Whitened innovations of each kind of update",
-        "Innovations divided by their predicted standard deviation, decorrelated; dashed: ±3. "
-        "Values beyond ±6 are drawn at the edge.",
+    plots = panels.innovations()
+    drawn = board.place(plots, "Whitened innovations of each kind of update") if plots else ""
+    note = (
+        '<p class="note">Innovations divided by their predicted standard deviation, decorrelated; '
+        "dashed: ±3. Values beyond ±6 are drawn at the edge.</p>"
     )
-    return f"<h2>Updates</h2>\n{table}\n<ul>{gates}</ul>\n{image}"
+    return f"<h2>Updates</h2>\n{table}\n<ul>{gates}</ul>\n{note if plots else ''}{drawn}"
+
+
+def _start_section(result: Result, board: Board) -> str:
+    rows = start_up(result.solution.alignment.attempts, board)
+    return _section("Start", board, rows, "Each mark is an attempt to align in motion.")
+
+
+def _resolution(result: Result) -> str:
+    """Return how many positions are relative to a base, and how surely resolved."""
+    found = result.solution.resolution
+    if found is None:
+        return ""
+    total = max(found.fixed + found.floating + found.dgps + found.single, 1)
+    rows = [
+        (name, str(n), f"{100.0 * n / total:.1f} %")
+        for name, n in (
+            ("fixed", found.fixed), ("float", found.floating), ("code alone", found.dgps),
+            ("single-point", found.single),
+            ("– of them contradicted by the relative one", found.contradicted),
+        )
+    ]  # fmt: skip
+    ratio = (
+        f"Ratio of the second-best to the best ambiguities, of the fixed ones: median "
+        f"{quantity(found.ratio_median, '')}, 5 % {quantity(found.ratio_p5, '')}. "
+        if found.fixed
+        else ""
+    )
+    return (
+        "<h3>Positions relative to the base station</h3>"
+        f"{document.table(['position', 'epochs', 'share'], rows)}<p>{ratio}{found.direction}, "
+        f"{found.frequencies} frequencies, constellations {escape(found.systems)}; the base's own "
+        f"single-point mean is {length(found.base_apart_m)} from where it is taken to be.</p>\n"
+    )
 
 
 def _alignment_details(result: Result) -> str:
@@ -258,10 +322,29 @@ def _run_section(result: Result) -> str:
         f"{escape(alignment['method'])}, {quantity(alignment['time_s'], 's')} after the start of "
         f"the data; heading 1σ {sigma}.{escape(message)}</p>\n"
         f"{_alignment_details(result)}"
+        f"{_resolution(result)}"
         f"<h3>Antenna</h3><p>Lever arm ({lever}) m forward, right, down of the IMU, from "
         f"{escape(sensors['lever_antenna_source'])}.</p>\n"
         + (f"<h3>Notes</h3><ul>{notes}</ul>\n" if notes else "")
         + (f"<h3>Time</h3><p>{escape(timing)}</p>\n" if timing else "")
+        + f"<h3>Files</h3><p>{_files(result)}</p>\n"
         + "<h3>Configuration</h3><details><summary>Configuration in force</summary>"
         f"<pre>{escape(result.config_text)}</pre></details>"
     )
+
+
+def _files(result: Result) -> str:
+    """Return links to the tables that lie beside the page."""
+    names = [
+        "solution.csv",
+        "updates.csv",
+        "epochs.csv",
+        "signals.csv",
+        "separation.csv",
+        "alignment.csv",
+        "reference_errors.csv",
+        "config.toml",
+        "summary.json",
+    ]
+    there = [name for name in names if (result.path / name).exists()]
+    return ", ".join(f'<a href="{name}" download>{name}</a>' for name in there)

@@ -10,7 +10,7 @@ from ...filters.earth import C_en_of, lla_to_ecef
 from ...filters.rotation import FloatArray
 from ..page.pictures import BLUE, INK, ORANGE, VERMILLION
 from ..results.directory import Result
-from .panels import gnss_state, state_names
+from .coverage import gnss_state, state_names
 
 #: Colours of the three GNSS states of `gnss_state`.
 STATE_COLOURS = (BLUE, ORANGE, VERMILLION)

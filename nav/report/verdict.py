@@ -1,4 +1,4 @@
-"""A run in plain sentences: how accurate, how honest, with which satellites, what was rejected."""
+"""A run in plain sentences: how accurate, how honest, what is in doubt."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..results.directory import Result
 
 
 def verdict(result: Result) -> list[str]:
-    """Return what a reader wants first, in sentences: accuracy, honesty, satellites, rejections."""
+    """Return what a reader wants first, in sentences: accuracy, honesty, and what is in doubt."""
     metrics, summary = result.evaluation.metrics, result.summary
     span = duration(summary["duration_s"])
     trajectory = result.solution.trajectory
@@ -33,7 +33,20 @@ def verdict(result: Result) -> list[str]:
         for note in result.solution.notes
         if note.severity == "lost"
     ]
-    return [*losses, *sentences, *_consistency(result), *_coverage(result), *_rejections(result)]
+    return [*losses, *sentences, *_consistency(result), *_doubt(result)]
+
+
+def coverage(result: Result) -> str:
+    """Return with how many satellites, in a sentence."""
+    epochs = result.summary["epochs"]
+    total = epochs["total"]
+    if not total:
+        return "Positions came as ready-made fixes, without satellite observations."
+    return (
+        f"Four or more satellites were usable in {percent(epochs['ge4'], total)} of {total} GNSS "
+        f"epochs, two or three in {percent(epochs['two_or_three'], total)}, fewer in "
+        f"{percent(epochs['lt2'], total)}."
+    )
 
 
 def gate_activity(result: Result) -> list[str]:
@@ -76,27 +89,10 @@ def _consistency(result: Result) -> list[str]:
     return [f"The filter's position covariance was {word} (NEES {nees:.3g}, ideal 3)."]
 
 
-def _coverage(result: Result) -> list[str]:
-    epochs = result.summary["epochs"]
-    total = epochs["total"]
-    if not total:
-        return ["Positions came as ready-made fixes, without satellite observations."]
-    return [
-        f"Four or more satellites were usable in {percent(epochs['ge4'], total)} of {total} GNSS "
-        f"epochs, two or three in {percent(epochs['two_or_three'], total)}, fewer in "
-        f"{percent(epochs['lt2'], total)}."
-    ]
-
-
-def _rejections(result: Result) -> list[str]:
-    updates = result.summary["updates"]
-    if not updates:
-        return ["No update was offered to the filter."]
-    parts = []
-    for kind, counts in updates.items():
-        why = ", ".join(f"{reason} {n}" for reason, n in list(counts["rejected"].items())[:3])
-        parts.append(
-            f"{counts['accepted']} of {counts['offered']} {kind} updates"
-            + (f" (not used: {why})" if why else "")
-        )
-    return [f"Accepted were {' and '.join(parts)}."]
+def _doubt(result: Result) -> list[str]:
+    """Return the first doubt in a sentence, and how many there are."""
+    doubts = [note for note in result.solution.notes if note.severity == "doubtful"]
+    if not doubts:
+        return ["Nothing in the data or the run speaks against it."]
+    more = "" if len(doubts) == 1 else f" (1 of {len(doubts)} doubts, all below)"
+    return [f"In doubt{more}: {doubts[0].text.rstrip('.')}."]

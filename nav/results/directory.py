@@ -6,7 +6,11 @@ solution.csv           the IMU's trajectory, one row per output epoch (`nav.resu
 updates.csv            every measurement offered to the filter and what became of it:
                        time_gps_s, kind, satellites (space separated), whitened innovation
                        w1, w2, w3 …, nis, dof, accepted (1 or 0), reason
+separation.csv         forward and backward against smoothed positions, and χ² of what is between
+                       them (`nav.solution.Separation`); smoothed runs only
 epochs.csv             GNSS epochs: time_gps_s, satellites tracked, satellites usable
+signals.csv            every satellite signal: C/N0, direction, residual, and why it was not used;
+                       only where there were observations
 alignment.csv          attempts to align in motion: time_gps_s, message (what was missing); only
                        when there were any
 reference_errors.csv   solution − reference at each compared reference epoch, with the filter's
@@ -36,18 +40,22 @@ from ..config import Config
 from ..config_files import to_toml
 from ..evaluation.accuracy import Evaluation, without_reference
 from ..notes import Note
-from ..solution import AlignmentReport, FixErrors, Solution
+from ..solution import AlignmentReport, FixErrors, Protection, Resolution, Solution
 from .formats import check_formats, write_formats
 from .summary import strict, summarise
 from .tables import (
     read_attempts,
     read_epochs,
     read_errors,
+    read_separation,
+    read_signals,
     read_solution,
     read_updates,
     write_attempts,
     write_epochs,
     write_errors,
+    write_separation,
+    write_signals,
     write_solution,
     write_updates,
 )
@@ -139,6 +147,10 @@ def write_result(
             write_solution(draft / "solution.csv", solution.trajectory)
         write_updates(draft / "updates.csv", solution.updates)
         write_epochs(draft / "epochs.csv", solution.epochs)
+        if solution.signals is not None:
+            write_signals(draft / "signals.csv", solution.signals)
+        if solution.separation is not None:
+            write_separation(draft / "separation.csv", solution.separation)
         if solution.alignment.attempts:
             write_attempts(draft / "alignment.csv", solution.alignment.attempts)
         if evaluation.has_reference:
@@ -204,6 +216,13 @@ def _seal(path: Path) -> bytes | None:
         return None
 
 
+def _resolution(found: dict[str, Any] | None) -> Resolution | None:
+    if found is None:
+        return None
+    numbers = {k: _number(found[k]) for k in ("ratio_median", "ratio_p5", "base_apart_m")}
+    return Resolution(**found | numbers)
+
+
 def _read(path: Path) -> Result:
     if not is_result(path):
         raise DataError(
@@ -233,6 +252,10 @@ def _read(path: Path) -> Result:
             notes=tuple(Note(**note) for note in summary["notes"]),
             status=summary["status"],
             fix_errors=None if noise is None else FixErrors(**noise),
+            resolution=_resolution(summary["rtk"]),
+            signals=read_signals(path / "signals.csv"),
+            protection=_read_protection(summary["protection"]),
+            separation=read_separation(path / "separation.csv"),
             timing={k: v for k, v in summary["timing"].items() if v is not None},
         )
         evaluation = _read_evaluation(path / "reference_errors.csv", summary)
@@ -243,6 +266,12 @@ def _read(path: Path) -> Result:
             remedy="written by another version? run the sequence again",
         ) from error
     return Result(path, solution, evaluation, summary, _read_text(path / "config.toml"))
+
+
+def _read_protection(told: Mapping[str, Any] | None) -> Protection | None:
+    if told is None:
+        return None
+    return Protection(told["risk"], tuple(told["covers"]), tuple(told["lacks"]))
 
 
 def _number(value: float | None) -> float:

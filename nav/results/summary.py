@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from ...datasets.sequence import Sequence
+from ...filters.rotation import FloatArray
 from ..evaluation.accuracy import Evaluation
 from ..notes import plain
-from ..solution import Solution, Update
+from ..solution import Separation, Solution, Update
 
 
 def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) -> dict[str, Any]:
@@ -63,6 +64,9 @@ def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) ->
         "position_noise": None
         if solution.fix_errors is None
         else dataclasses.asdict(solution.fix_errors),
+        "rtk": None if solution.resolution is None else dataclasses.asdict(solution.resolution),
+        "protection": protection_figures(solution, evaluation),
+        "separation": separation_figures(solution.separation),
         "updates": count_updates(solution.updates),
         "timing": {"total_s": None, "read_s": None, "filter_s": None} | solution.timing,
         "sensors": {
@@ -75,6 +79,42 @@ def summarise(solution: Solution, evaluation: Evaluation, sequence: Sequence) ->
             dataclasses.asdict(note)
             for note in dict.fromkeys([*plain(sequence.notes), *solution.notes])
         ],
+    }
+
+
+def protection_figures(solution: Solution, evaluation: Evaluation) -> dict[str, Any] | None:
+    """Return the protection levels in figures: what they stand for, how large they are [m], and,
+    with a reference, the share of its epochs with an error beyond.
+    """
+    levels, meant = solution.trajectory.protection, solution.protection
+    if meant is None or not np.isfinite(levels).all():
+        return None
+    figures: dict[str, Any] = dataclasses.asdict(meant)
+    error = evaluation.error_pos_n
+    errors = np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
+    for name, level, off in zip(("horizontal", "vertical"), levels.T, errors, strict=True):
+        there = np.interp(evaluation.time, solution.trajectory.time, level)
+        figures[f"{name}_median_m"] = float(np.median(level))
+        figures[f"{name}_p95_m"] = float(np.percentile(level, 95))
+        figures[f"{name}_max_m"] = float(level.max())
+        figures[f"{name}_exceeded"] = float(np.mean(off > there)) if off.size else None
+    return figures
+
+
+def separation_figures(separation: Separation | None) -> dict[str, float] | None:
+    """Return the separation in figures: RMS [m] where both sides know the position, and χ²."""
+    if separation is None:
+        return None
+    known = np.isfinite(separation.chi2)
+
+    def rms(part: FloatArray) -> float:
+        return float(np.sqrt(np.mean(np.sum(part[known, :2] ** 2, axis=1)))) if known.any() else 0.0
+
+    return {
+        "forward_horizontal_rms_m": rms(separation.forward_n),
+        "backward_horizontal_rms_m": rms(separation.backward_n),
+        "chi2_mean": float(separation.chi2[known].mean()) if known.any() else float("nan"),
+        "known_share": float(known.mean()) if known.size else 0.0,
     }
 
 

@@ -26,7 +26,8 @@ from ..evaluation.accuracy import (
     rpy_covariance,
     standard_deviation,
 )
-from ..solution import Epochs, Trajectory, Update
+from ..signals import Signals
+from ..solution import Epochs, Separation, Trajectory, Update
 from .formats import geodetic_and_ned, write_rows
 
 _DEGPH = np.pi / 180.0 / 3600.0
@@ -41,7 +42,8 @@ _RPY = "roll pitch heading"
 
 #: Columns of solution.csv and how their numbers are written. Heading is in [0, 360). Standard
 #: deviations (1σ) of position and velocity are along north, east, down; those of roll, pitch and
-#: heading follow from the NED attitude error covariance to first order.
+#: heading follow from the NED attitude error covariance to first order. Protection levels are at
+#: the risk that summary.json states; nan without them.
 SOLUTION_COLUMNS = [
     ("time_gps_s", "%.6f"), ("week", "%d"), ("sow_s", "%.6f"),
     ("lat_deg", "%.10f"), ("lon_deg", "%.10f"), ("height_m", "%.4f"),
@@ -55,6 +57,7 @@ SOLUTION_COLUMNS = [
     *_axes("accel_bias_{}_mg", "x y z", "%.5f"),
     *_axes("std_gyro_bias_{}_degph", "x y z", "%.5g"),
     *_axes("std_accel_bias_{}_mg", "x y z", "%.5g"),
+    *_axes("protection_{}_m", "horizontal vertical", "%.5g"),
 ]  # fmt: skip
 
 #: Columns of reference_errors.csv: the reference point, solution − reference, 3σ of the filter.
@@ -111,6 +114,7 @@ def _solution_table(trajectory: Trajectory) -> FloatArray:
         np.rad2deg(standard_deviation(cov_rpy)),
         trajectory.gyro_bias / _DEGPH, trajectory.accel_bias / _MG,
         trajectory.std_gyro_bias / _DEGPH, trajectory.std_accel_bias / _MG,
+        trajectory.protection,
     ])  # fmt: skip
 
 
@@ -119,7 +123,7 @@ def read_solution(path: Path) -> Trajectory:
     table = _read_table(path, [name for name, _ in SOLUTION_COLUMNS])
     time, _, _, lat_deg, lon_deg, _ = table[:, :6].T
     pos_e, vel_n, rpy_deg, std_pos, std_vel, std_rpy_deg, *biases = (
-        table[:, k : k + 3] for k in range(6, table.shape[1], 3)
+        table[:, k : k + 3] for k in range(6, table.shape[1] - 2, 3)
     )
     gyro_degph, accel_mg, std_gyro_degph, std_accel_mg = biases
     C_en = C_en_at(np.deg2rad(lat_deg), np.deg2rad(lon_deg))
@@ -137,6 +141,7 @@ def read_solution(path: Path) -> Trajectory:
         cov_att_n=to_vector @ _diagonal(np.deg2rad(std_rpy_deg)) @ np.swapaxes(to_vector, 1, 2),
         std_gyro_bias=std_gyro_degph * _DEGPH,
         std_accel_bias=std_accel_mg * _MG,
+        protection=table[:, -2:],
     )
 
 
@@ -187,6 +192,29 @@ def read_updates(path: Path) -> tuple[Update, ...]:
     except (KeyError, ValueError, TypeError, AttributeError) as error:
         raise DataError("not a line certnav wrote", file=path, line=rows.line_num) from error
     return tuple(updates)
+
+
+#: Columns of separation.csv: see `nav.solution.Separation`.
+SEPARATION_COLUMNS = [
+    ("time_gps_s", "%.6f"),
+    *_axes("forward_{}_m", "n e d", "%.5g"), *_axes("backward_{}_m", "n e d", "%.5g"),
+    ("chi2", "%.5g"),
+]  # fmt: skip
+
+
+def write_separation(path: Path, separation: Separation) -> None:
+    """Write separation.csv."""
+    s = separation
+    table = np.column_stack([s.time, s.forward_n, s.backward_n, s.chi2])
+    _write_table(path, SEPARATION_COLUMNS, table)
+
+
+def read_separation(path: Path) -> Separation | None:
+    """Read separation.csv; there is none where nothing was smoothed."""
+    if not path.exists():
+        return None
+    table = _read_table(path, [name for name, _ in SEPARATION_COLUMNS])
+    return Separation(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7])
 
 
 def write_epochs(path: Path, epochs: Epochs) -> None:
@@ -249,3 +277,46 @@ def read_errors(path: Path) -> dict[str, FloatArray]:
         "sigma_rpy": np.deg2rad(blocks[6]) / 3.0,
         "nees_position": table[:, 25],
     }
+
+
+#: Columns of signals.csv, and how their numbers are written.
+_SIGNAL_COLUMNS = (
+    "time_gps_s", "sat", "signal", "cn0_dbhz", "elevation_deg", "azimuth_deg",
+    "range_rate_residual_mps", "reason",
+)  # fmt: skip
+
+
+def write_signals(path: Path, signals: Signals) -> None:
+    """Write signals.csv: what became of every satellite signal."""
+    elevation, azimuth = np.rad2deg(signals.elevation), np.rad2deg(signals.azimuth)
+    columns = (signals.time, signals.sat, signals.signal, signals.cn0, elevation, azimuth,
+               signals.residual, signals.reason)  # fmt: skip
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(_SIGNAL_COLUMNS)
+        for t, sat, signal, cn0, el, az, residual, reason in zip(
+            *(column.tolist() for column in columns), strict=True
+        ):
+            rows.writerow([f"{t:.3f}", sat, signal, f"{cn0:.1f}", f"{el:.2f}", f"{az:.2f}",
+                           f"{residual:.4f}", reason])  # fmt: skip
+
+
+def read_signals(path: Path) -> Signals | None:
+    """Read signals.csv; there is none where there were no observations."""
+    import pandas as pd  # slow to import
+
+    if not path.exists():
+        return None
+    try:
+        frame = pd.read_csv(path, engine="c", keep_default_na=False, na_values=["nan"],
+                            dtype={"sat": str, "signal": str, "reason": str})  # fmt: skip
+        t, sat, signal, cn0, elevation, azimuth, residual, reason = (
+            frame[name].to_numpy() for name in _SIGNAL_COLUMNS
+        )
+        return Signals(
+            t.astype(float), sat.astype(str), signal.astype(str), cn0.astype(float),
+            np.deg2rad(elevation.astype(float)), np.deg2rad(azimuth.astype(float)),
+            residual.astype(float), reason.astype(str),
+        )  # fmt: skip
+    except (KeyError, ValueError, OSError) as error:
+        raise DataError(f"not a table certnav wrote: {error}".splitlines()[0], file=path) from error

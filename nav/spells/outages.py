@@ -13,7 +13,7 @@
 
 ``60/180`` is the usual test of 60 s in every 180 s without any GNSS; ``60/180:2-3@0,60,120`` leaves
 two or three satellites and covers the whole drive in three variants; ``10-end:2`` leaves two from
-second 10 on.
+second 10 on; ``none`` takes nothing away.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ _SPEC = re.compile(
     rf"|(?P<canyon>canyon(?P<mask>{_NUMBER})?)))?"
     rf"(?:@(?P<shifts>{_NUMBER}(?:,{_NUMBER})*))?"
 )
+#: The SPEC of no spells at all.
+NONE = "none"
 _EXAMPLES = "for example 60/180, 60/180:2@0,60,120, 60/180:2-3high, 60/180:canyon50 or 10-end:3"
 
 
@@ -106,6 +108,8 @@ class Outages:
         ConfigError
             If no spell fits, or the single one begins before `earliest`.
         """
+        if self.text == NONE:
+            return []
         if np.isfinite(self.start):
             begin, stop = first + self.start, min(first + self.end, last)
             if begin < earliest:
@@ -138,6 +142,8 @@ def parse_outages(text: str) -> Outages:
     ConfigError
         If it is none.
     """
+    if text.strip() == NONE:
+        return Outages(NONE)
     match = _SPEC.fullmatch(text.strip().replace(" ", ""))
     if match is None:
         raise ConfigError(f"--outages {text}: not understood; {_EXAMPLES}")

@@ -1,12 +1,16 @@
-"""Screening thresholds for Doppler from data, cross-validated.
+"""Settings from data: which ones a run should have, and the paper's thresholds for pairs.
 
-    tuning = tune(["drive-1", "drive-2"], snr=range(30, 51), k=[0.05, 0.1, 0.2, 0.4])
-    write_tuning(tuning, "results/tuning")
+    found = tune_settings(["drive-1", "drive-2"])
+    write_settings(found, "results/tuning")
 
-    tuning      tune: which pair of thresholds to take, and what is behind it
-    score       error and retention over the grid, the choice, its cross-validation
-    position    drift of the filter over spells of weak GNSS as the error
-    report      thresholds.toml, tuning.json and the page
+    settings         tune_settings: candidates judged by the filter, the default among them
+    candidates       what is tried
+    trials           one candidate on one recording
+    choice           which is better, by how much, how sure that is
+    settings_report  thresholds.toml, tuning.json and the page
+    tuning           tune: thresholds for the velocity of pairs, as the paper has them
+    score            their error and retention over the grid, the choice, its cross-validation
+    report           their thresholds.toml, tuning.json and page
 
 The names below are imported when they are first asked for.
 """
@@ -18,26 +22,30 @@ from typing import TYPE_CHECKING
 from ...lazy import names
 
 if TYPE_CHECKING:
-    from .position import drift_scores
     from .report import write_tuning
     from .score import Fold, Score
+    from .settings import Settings, tune_settings
+    from .settings_report import write_settings
     from .tuning import Tuning, tune
 
 __all__ = [
     "Fold",
     "Score",
+    "Settings",
     "Tuning",
-    "drift_scores",
     "tune",
+    "tune_settings",
+    "write_settings",
     "write_tuning",
 ]
 
 __getattr__, __dir__ = names(
     __name__,
     {
-        "position": ("drift_scores",),
         "report": ("write_tuning",),
         "score": ("Fold", "Score"),
+        "settings": ("Settings", "tune_settings"),
+        "settings_report": ("write_settings",),
         "tuning": ("Tuning", "tune"),
     },
 )

@@ -1,9 +1,8 @@
-"""What tuning found, written down: thresholds.toml, tuning.json, and a page with the trade-off."""
+"""Thresholds of pairs, written down: thresholds.toml, tuning.json, CSV, LaTeX and a page."""
 
 from __future__ import annotations
 
 import json
-import math
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -14,16 +13,34 @@ from matplotlib.figure import Figure
 from ...datasets.placing import written_whole
 from ...filters.errors import DataError
 from ..page import document
-from ..page.pictures import BLUE, GREEN, ORANGE
-from .tuning import PAPER, Tuning
+from ..page.pictures import BLUE, GREEN, ORANGE, VERMILLION, save
+from ..page.tables import Column, Table
+from ..results.summary import strict
+from .candidates import PAPER
+from .tuning import Tuning
 
 _GREY = "#999999"
 _K_NAMES = {"sdv": "|SDV·RMD|", "cosine": "the cosine between SDV and direction of motion"}
-_FILES = ("thresholds.toml", "tuning.json", "tuning.html", "trade_off.png", "heat_map.png")
+#: What a tuning of either objective may have written.
+_FILES = (
+    "thresholds.toml", "tuning.json", "tuning.html", "trade_off.png", "heat_map.png",
+    "trade_off.pdf", "heat_map.pdf", "folds.csv", "folds.tex", "candidates.csv", "candidates.tex",
+    "receivers.csv", "receivers.tex", "candidates.pdf",
+)  # fmt: skip
+
+
+def check_replaceable(out: Path) -> None:
+    """Refuse (`DataError`) to write over anything but a tuning result."""
+    if out.exists():
+        foreign = [p.name for p in out.iterdir() if p.name not in _FILES] if out.is_dir() else [""]
+        if foreign:
+            raise DataError(
+                "exists and is not a tuning result", file=out, remedy="choose another --out"
+            )
 
 
 def write_tuning(tuning: Tuning, out: str | Path) -> Path:
-    """Write thresholds.toml, tuning.json, tuning.html and its pictures to `out`, all or nothing.
+    """Write thresholds.toml, tuning.json, tuning.html, its tables and figures, all or nothing.
 
     Raises
     ------
@@ -31,37 +48,56 @@ def write_tuning(tuning: Tuning, out: str | Path) -> Path:
         If `out` exists and holds anything else.
     """
     out = Path(out).resolve()
-    if out.exists():
-        foreign = [p.name for p in out.iterdir() if p.name not in _FILES] if out.is_dir() else [""]
-        if foreign:
-            raise DataError(
-                "exists and is not a tuning result", file=out, remedy="choose another --out"
-            )
+    check_replaceable(out)
     with written_whole(out) as draft:
         (draft / "thresholds.toml").write_text(thresholds_toml(tuning), encoding="utf-8")
-        text = json.dumps(as_dict(tuning), indent=1, allow_nan=False)
+        text = json.dumps(strict(as_dict(tuning)), indent=1, allow_nan=False, ensure_ascii=False)
         (draft / "tuning.json").write_text(text + "\n", encoding="utf-8")
-        pictures = {"trade_off": trade_off_figure(tuning), "heat_map": heat_map_figure(tuning)}
-        for name, figure in pictures.items():
-            figure.savefig(draft / f"{name}.png", dpi=120)
+        folds_table(tuning).write(draft)
+        for name, draw in (("trade_off", trade_off_figure), ("heat_map", heat_map_figure)):
+            save(draw, tuning, draft / f"{name}.pdf")
         (draft / "tuning.html").write_text(_page(tuning), encoding="utf-8")
     return out
 
 
 def thresholds_toml(tuning: Tuning) -> str:
-    """Return the recommended thresholds as a configuration for ``certnav run --config``."""
+    """Return the thresholds as a configuration for ``certnav run --config``.
+
+    They are in force where ``gnss.below_four`` is 'ddia', which this does not make it. Thresholds
+    of what the filter does not look at, the mean C/N0 of a pair or the cosine, are a comment.
+    """
     t = tuning.thresholds
+    keys = [f"ddia_min_cn0_dbhz = {t.min_cn0_dbhz!r}", f"ddia_min_k = {t.min_k!r}"]
     lines = [
-        f"# Thresholds for Doppler velocity below four satellites, tuned on {_names(tuning)}.",
-        f"# Objective {tuning.objective}; cross-validated over {tuning.folds_by}: "
-        f"RMS {tuning.cv_rms:.3g} {tuning.unit}, {tuning.cv_retention:.0%} retained.",
+        f"# Thresholds for pairs of satellites, tuned on {_names(tuning)}.",
+        f"# Cross-validated over {tuning.folds_by}: RMS {tuning.cv_rms:.3g} m/s, "
+        f"{tuning.cv_retention:.0%} retained; {tuning.decided}.",
         f"# C/N0 is the {t.cn0_of} of the pair; k is {_K_NAMES[t.k_of]}.",
-        "[gnss]",
-        'below_four = "ddia"',
-        f"ddia_min_cn0_dbhz = {t.min_cn0_dbhz!r}",
-        f"ddia_min_k = {t.min_k!r}",
     ]
+    for name, fit in tuning.noise.items():
+        lines.append(
+            f"# Doppler noise on {name}: doppler_sigma_mps = {fit.noise.sigma_45:.3g}, "
+            f"doppler_floor_mps = {fit.noise.floor:.3g}, tenfold in {fit.noise.decade_db:.3g} dB "
+            "(a run has 20)"
+        )
+    if applied(tuning):
+        lines += [
+            '# In force with below_four = "ddia"; the method stays what it is.',
+            "[gnss]",
+            *keys,
+        ]
+    else:
+        lines += [
+            "# The filter asks C/N0 of every satellite and takes |SDV·RMD| as it is: tune with",
+            "# --cn0-of min --k-of sdv for a file that a run can use. These are the paper's:",
+            *(f"# {key}" for key in keys),
+        ]
     return "\n".join(lines) + "\n"
+
+
+def applied(tuning: Tuning) -> bool:
+    """Return whether the thresholds are of what the filter applies them to."""
+    return (tuning.thresholds.cn0_of, tuning.thresholds.k_of) == ("min", "sdv")
 
 
 def as_dict(tuning: Tuning) -> dict[str, Any]:
@@ -80,10 +116,10 @@ def as_dict(tuning: Tuning) -> dict[str, Any]:
                     "pareto": bool(tuning.pareto[i, j]),
                 }
             )
-    values = _strict(
+    values = strict(
         {
-            "objective": tuning.objective,
-            "unit": tuning.unit,
+            "objective": "velocity",
+            "unit": "m/s",
             "recommended": {
                 "min_cn0_dbhz": t.min_cn0_dbhz,
                 "min_k": t.min_k,
@@ -99,6 +135,13 @@ def as_dict(tuning: Tuning) -> dict[str, Any]:
                 "folds": [vars(fold) for fold in tuning.folds],
             },
             "min_kept": tuning.min_kept,
+            "decided": tuning.decided,
+            "knee": tuning.knee
+            and {
+                "min_cn0_dbhz": tuning.knee[0],
+                "min_k": tuning.knee[1],
+                **(_pair(tuning.at(*tuning.knee)) or {}),
+            },
             "paper": _pair(tuning.at(*PAPER)),
             "alone": {
                 name: {
@@ -131,17 +174,14 @@ def _pair(value: tuple[float, float] | None) -> dict[str, float] | None:
     return None if value is None else {"rms": value[0], "kept": value[1]}
 
 
-def _strict(value: Any) -> Any:
-    """Return JSON values, NaN and infinity as None."""
-    if isinstance(value, dict):
-        return {str(key): _strict(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_strict(item) for item in value]
-    if isinstance(value, (bool, str)) or value is None:
-        return value
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    return float(value) if math.isfinite(value) else None
+def folds_table(tuning: Tuning) -> Table:
+    """Return the cross-validation: what was left out, what was chosen, what it did."""
+    columns = (
+        Column("left out"), Column("C/N0", "dB-Hz", "g"), Column("k", "", "g"),
+        Column("RMS", "m/s", ".3g"), Column("retained", "share", ".0%"),
+    )  # fmt: skip
+    rows = tuple((f.left_out, f.snr, f.k, f.rms, f.retention) for f in tuning.folds)
+    return Table("folds", f"Cross-validation over {tuning.folds_by}", columns, rows)
 
 
 def _names(tuning: Tuning) -> str:
@@ -171,13 +211,13 @@ def trade_off_figure(tuning: Tuning) -> Figure:
     if paper is not None and np.isfinite(paper[0]):
         axes.plot(100 * paper[1], paper[0], "D", color=GREEN, ms=7,
                   label=f"paper: {PAPER[0]:g} dB-Hz, {PAPER[1]:g}")  # fmt: skip
+    if tuning.knee is not None and (bend := tuning.at(*tuning.knee)) is not None:
+        label = f"knee: {tuning.knee[0]:g} dB-Hz, {tuning.knee[1]:g}"
+        axes.plot(100 * bend[1], bend[0], "s", mfc="none", mec=VERMILLION, ms=9, label=label)
     if tuning.min_kept:
         axes.axvline(100 * tuning.min_kept, color="black", lw=0.8, ls="--")
-    if tuning.objective == "velocity":
-        axes.set_yscale("log")
-        axes.set(xlabel="pairs retained [%]", ylabel="RMS velocity error [m/s]")
-    else:
-        axes.set(xlabel="epochs with a velocity [%]", ylabel="RMS drift of a spell [m]")
+    axes.set_yscale("log")
+    axes.set(xlabel="pairs retained [%]", ylabel="RMS velocity error [m/s]")
     axes.grid(alpha=0.3, which="both")
     axes.legend(frameon=False, fontsize=9)
     return figure
@@ -187,7 +227,7 @@ def heat_map_figure(tuning: Tuning) -> Figure:
     """Draw RMS and retention over the grid (Fig. 8)."""
     t = tuning.thresholds
     figure = Figure(figsize=(9.6, 4.0), layout="constrained")
-    titles = [f"RMS error [{tuning.unit}]", "retained [%]"]
+    titles = ["RMS error [m/s]", "retained [%]"]
     for axes, values, title in zip(
         figure.subplots(1, 2), (tuning.score.rms, 100 * tuning.score.retention), titles, strict=True
     ):
@@ -203,29 +243,29 @@ def heat_map_figure(tuning: Tuning) -> Figure:
 def _page(tuning: Tuning) -> str:
     t, best = tuning.thresholds, tuning.at(tuning.thresholds.min_cn0_dbhz, tuning.thresholds.min_k)
     assert best is not None
-    what = "pairs" if tuning.objective == "velocity" else "epochs"
     k_name = _K_NAMES[t.k_of]
     verdict = (
         f"Keep pairs with {t.cn0_of} C/N0 above {t.min_cn0_dbhz:g} dB-Hz and {k_name} above "
-        f"{t.min_k:g}. On data the choice had not seen: RMS {tuning.cv_rms:.3g} {tuning.unit} with "
-        f"{tuning.cv_retention:.0%} of the {what} retained (on all data: {best[0]:.3g} "
-        f"{tuning.unit}, {best[1]:.0%})."
+        f"{t.min_k:g}. On data the choice had not seen: RMS {tuning.cv_rms:.3g} m/s with "
+        f"{tuning.cv_retention:.0%} of the pairs retained (on all data: {best[0]:.3g} m/s, "
+        f"{best[1]:.0%}). {tuning.decided[0].upper()}{tuning.decided[1:]}."
     )
+    if tuning.knee is not None and (bend := tuning.at(*tuning.knee)) is not None:
+        verdict += (
+            f" The trade-off bends at C/N0 > {tuning.knee[0]:g} dB-Hz, k > {tuning.knee[1]:g}: "
+            f"{bend[0]:.3g} m/s, {bend[1]:.0%} kept."
+        )
+    if not applied(tuning):
+        verdict += " The filter screens by other quantities: this is the paper's figure."
     body = [
         "<h1>Thresholds for Doppler velocity below four satellites</h1>",
-        f'<p class="meta">{escape(_names(tuning))} · objective {tuning.objective}</p>',
+        f'<p class="meta">{escape(_names(tuning))} · error of pairs</p>',
         f'<p class="verdict">{escape(verdict)}</p>',
         "<h2>Trade-off</h2>",
         document.image(trade_off_figure, tuning, "RMS against retention", ""),
         document.image(heat_map_figure, tuning, "RMS and retention over thresholds", ""),
         f"<h2>Cross-validation over {tuning.folds_by}</h2>",
-        document.table(
-            ["left out", "C/N0 [dB-Hz]", "k", f"RMS [{tuning.unit}]", "retained"],
-            [
-                [f.left_out, f"{f.snr:g}", f"{f.k:g}", f"{f.rms:.3g}", f"{f.retention:.0%}"]
-                for f in tuning.folds
-            ],
-        ),
+        folds_table(tuning).html(),
         *_statistics(tuning),
         *(f'<p class="note">{escape(note)}</p>' for note in tuning.notes),
     ]

@@ -88,6 +88,47 @@ def choose(sequences: Listing[Score], min_kept: float) -> tuple[int, int]:
     return int(row), int(column)
 
 
+def decided(sequences: Listing[Score], snr: FloatArray, k: FloatArray, min_kept: float) -> str:
+    """Return which constraint decided a choice, in a sentence."""
+    best, free = choose(sequences, min_kept), choose(sequences, 0.0)
+    kept = np.min([s.retention for s in sequences], axis=0)
+    score = total(sequences)
+
+    def words(cell: tuple[int, int]) -> str:
+        return f"C/N0 > {snr[cell[0]]:g} dB-Hz, k > {k[cell[1]]:g}"
+
+    if kept[best] < min_kept:
+        return f"nothing keeps {min_kept:.0%} of every drive: what keeps most decided"
+    if free != best:
+        return (
+            f"the floor of {min_kept:.0%} kept decided: without it {words(free)} has "
+            f"{score.rms[free]:.3g} m/s with {kept[free]:.0%} kept"
+        )
+    at_edge = best[0] in (0, snr.size - 1) or best[1] in (0, k.size - 1)
+    if at_edge and snr.size * k.size > 1:
+        return "the edge of the grid decided: further thresholds may do better"
+    return "the error decided: no floor and no edge of the grid stood in its way"
+
+
+def knee(score: Score) -> tuple[int, int] | None:
+    """Return the cell at which the Pareto front bends: farthest from the chord of its ends.
+
+    ln(RMS) over the share kept, each scaled to its range; None for a front of fewer than three.
+    """
+    cells = np.argwhere(pareto_front(score) & (score.rms > 0.0))
+    if len(cells) < 3:
+        return None
+    where = tuple(cells.T)
+    kept, error = score.retention[where], np.log(score.rms[where])
+    order = np.argsort(kept)
+    x, y = kept[order], error[order]
+    if x[0] == x[-1] or y[0] == y[-1]:
+        return None
+    x, y = (x - x[0]) / (x[-1] - x[0]), (y - y[0]) / (y[-1] - y[0])
+    row, column = cells[order[np.argmax(x - y)]]
+    return int(row), int(column)
+
+
 def pareto_front(score: Score) -> NDArray[np.bool_]:
     """Return the cells that no other beats in RMS and retention at once, shape (s, m)."""
     rms = np.where(np.isnan(score.rms), np.inf, score.rms).ravel()

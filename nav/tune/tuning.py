@@ -1,4 +1,4 @@
-"""Thresholds for DDIA-VE from data: what they cost, what they buy, and which to take.
+"""Thresholds for pairs of satellites from data, as the paper has them: their cost, their use.
 
 The trade-off is one of error against retention. Taken is the pair of thresholds with the least RMS
 among those that retain enough of every drive. So that nothing is judged by what it was tuned on,
@@ -11,13 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...datasets.sequence import Sequence
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ...velocity.doppler_noise import NoiseFit, fit_doppler_noise, reference_residuals
@@ -27,11 +25,19 @@ from ...velocity.study.statistics import heat_map
 from ...velocity.study.tables import PairTable, concatenated, describe, pair_table
 from ..config import Config
 from ..sweep import in_parallel
-from .score import Fold, Part, Score, by_sequence, choose, cross_validate, pareto_front, total
-
-#: What the paper recommends; every result says how it compares.
-PAPER = (40.0, 0.2)
-Source = str | Path | Sequence
+from .score import (
+    Fold,
+    Part,
+    Score,
+    by_sequence,
+    choose,
+    cross_validate,
+    decided,
+    knee,
+    pareto_front,
+    total,
+)
+from .trials import Source, loaded
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,15 +46,18 @@ class Tuning:
 
     Attributes
     ----------
-    objective : {'velocity', 'position'}
     snr, k : ndarray, shape (s,), (m,)
         The grid.
     score : Score
-        All data; errors in m/s, or m of drift for 'position'.
+        All data; errors in m/s.
     alone : dict of str to Score
         Each sequence.
     thresholds : Screening
-        Recommended.
+        Of the pairs.
+    decided : str
+        Which constraint decided, in a sentence.
+    knee : (float, float) or None
+        Thresholds after which less error costs retention fastest.
     pareto : ndarray of bool, shape (s, m)
         Combinations that no other beats in both RMS and retention.
     folds : tuple of Fold
@@ -64,12 +73,13 @@ class Tuning:
     notes : tuple of str
     """
 
-    objective: str
     snr: FloatArray
     k: FloatArray
     score: Score
     alone: dict[str, Score]
     thresholds: Screening
+    decided: str
+    knee: tuple[float, float] | None
     pareto: NDArray[np.bool_]
     folds: tuple[Fold, ...]
     folds_by: str
@@ -83,15 +93,10 @@ class Tuning:
     def __repr__(self) -> str:
         t = self.thresholds
         return (
-            f"<Tuning for {self.objective} on {len(self.alone)} sequences: C/N0 > "
-            f"{t.min_cn0_dbhz:g} dB-Hz, k > {t.min_k:g}, cross-validated RMS {self.cv_rms:.3g} "
-            f"{self.unit}, {self.cv_retention:.0%} retained>"
+            f"<Tuning on {len(self.alone)} sequences: C/N0 > {t.min_cn0_dbhz:g} dB-Hz, k > "
+            f"{t.min_k:g}, cross-validated RMS {self.cv_rms:.3g} m/s, {self.cv_retention:.0%} "
+            "retained>"
         )
-
-    @property
-    def unit(self) -> str:
-        """Of the errors."""
-        return "m/s" if self.objective == "velocity" else "m"
 
     def at(self, snr: float, k: float, score: Score | None = None) -> tuple[float, float] | None:
         """Return RMS and retention at grid thresholds; None off the grid."""
@@ -108,7 +113,6 @@ class _Job:
     """What one worker is to do with one sequence."""
 
     source: Source
-    objective: str
     snr: FloatArray
     k: FloatArray
     screening: Screening
@@ -134,7 +138,6 @@ def tune(
     *,
     snr: ArrayLike,
     k: ArrayLike,
-    objective: str = "velocity",
     screening: Screening | None = None,
     min_kept: float = 0.4,
     direction: str = "motion",
@@ -152,21 +155,18 @@ def tune(
         Drives with raw Doppler and a reference.
     snr, k : array_like
         Ascending thresholds to try [dB-Hz], [1].
-    objective : {'velocity', 'position'}
-        RMS of pairs' velocity errors, or of the drift over simulated weak-GNSS spells.
     screening : Screening, optional
         Which C/N0 and which k are meant, and further tests to apply.
     min_kept : float
-        Share of the pairs that has to be retained in every drive; 'position' does without, since
-        epochs without a velocity already drift.
+        Share of the pairs that has to be retained in every drive.
     direction : {'motion', 'attitude'}
-        Direction of motion for 'velocity', see `velocity.study.samples`.
+        Direction of motion, see `velocity.study.samples`.
     systems : str
-        Constellation letters for 'velocity'.
+        Constellation letters.
     blocks : int
         Time blocks of each sequence; they are the folds of fewer than three sequences.
     config : Config, optional
-        Of the filter, for 'position'.
+        Its options of readers.
     jobs : int
         Processes on this machine; −1: as many as processors.
     scheduler : str, optional
@@ -177,18 +177,16 @@ def tune(
     DataError
         A drive without Doppler or reference, or too little data.
     ConfigError
-        Grids that do not ascend, unknown objective.
+        Grids that do not ascend, an impossible share.
     """
     config, screening = config or Config(), screening or Screening()
     snr_grid, k_grid = _grid("snr", snr), _grid("k", k)
-    if objective not in ("velocity", "position"):
-        raise ConfigError(f"objective: expected velocity or position, found '{objective}'")
     if not 0.0 <= min_kept < 1.0:
         raise ConfigError(f"min_kept: expected a share from 0 to below 1, found {min_kept!r}")
     if blocks < 2:
         raise ConfigError(f"blocks: expected 2 or more, found {blocks}")
     work = [
-        _Job(source, objective, snr_grid, k_grid, screening, direction, systems, blocks, config)
+        _Job(source, snr_grid, k_grid, screening, direction, systems, blocks, config)
         for source in sources
     ]
     if not work:
@@ -198,14 +196,14 @@ def tune(
     parts = [part for report in found for part in report.parts]
     alone = by_sequence(parts)
     score = total(list(alone.values()))
-    required = min_kept if objective == "velocity" else 0.0
-    best = choose(list(alone.values()), required)
-    folds, folds_by, cv_rms, cv_retention = cross_validate(parts, snr_grid, k_grid, required)
+    bend = knee(score)
+    best = choose(list(alone.values()), min_kept)
+    folds, folds_by, cv_rms, cv_retention = cross_validate(parts, snr_grid, k_grid, min_kept)
     notes = [note for report in found for note in report.notes]
     for name, one in alone.items():
-        if one.retention[best] < required:
+        if one.retention[best] < min_kept:
             notes.append(
-                f"{name}: {one.retention[best]:.0%} retained; no thresholds keep {required:.0%} of "
+                f"{name}: {one.retention[best]:.0%} retained; no thresholds keep {min_kept:.0%} of "
                 "every sequence"
             )
     statistics = {}
@@ -216,18 +214,19 @@ def tune(
         statistics["pooled"] = describe(pooled, snr_grid, k_grid, **options)
         statistics |= {name: describe(t, snr_grid, k_grid, **options) for name, t in tables.items()}
     return Tuning(
-        objective=objective,
         snr=snr_grid,
         k=k_grid,
         score=score,
         alone=alone,
         thresholds=_with_thresholds(screening, snr_grid[best[0]], k_grid[best[1]]),
+        decided=decided(list(alone.values()), snr_grid, k_grid, min_kept),
+        knee=bend and (float(snr_grid[bend[0]]), float(k_grid[bend[1]])),
         pareto=pareto_front(score),
         folds=tuple(folds),
         folds_by=folds_by,
         cv_rms=cv_rms,
         cv_retention=cv_retention,
-        min_kept=required,
+        min_kept=min_kept,
         statistics=statistics,
         noise={r.name: r.noise for r in found if r.noise is not None},
         notes=tuple(notes),
@@ -259,17 +258,8 @@ def _distinct(found: list[_Report]) -> list[_Report]:
 
 
 def _run(job: _Job) -> _Report:
-    """Load one sequence and score it: the unit of work of a sweep."""
-    sequence = job.source
-    if not isinstance(sequence, Sequence):
-        from ...datasets.loading import load
-
-        sequence = load(sequence, **job.config.data)
-    return _velocity(job, sequence) if job.objective == "velocity" else _position(job, sequence)
-
-
-def _velocity(job: _Job, sequence: Sequence) -> _Report:
-    """Score pairs against the reference."""
+    """Load one sequence and score its pairs against the reference: the unit of work of a sweep."""
+    sequence = loaded(job.source, job.config.data)
     samples = reference_samples(sequence, direction=job.direction, systems=job.systems)
     table = pair_table(samples)
     passed = _other_tests(job.screening, table)
@@ -307,13 +297,3 @@ def _blocks(time: FloatArray, blocks: int) -> NDArray[np.int64]:
         return np.zeros(0, dtype=np.int64)
     start, length = time.min(), max(float(np.ptp(time)), 1e-9)
     return np.minimum((blocks * (time - start) / length).astype(np.int64), blocks - 1)
-
-
-def _position(job: _Job, sequence: Sequence) -> _Report:
-    """Score drift over weak-GNSS spells; each spell is a block."""
-    from .position import drift_scores
-
-    scores = drift_scores(sequence, job.config, job.snr, job.k, screening=job.screening)
-    parts = [Part(sequence.name, number, score) for number, score in enumerate(scores)]
-    note = f"{sequence.name}: {len(scores)} weak-GNSS spells"
-    return _Report(sequence.name, parts, None, None, [note])

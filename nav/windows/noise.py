@@ -32,8 +32,9 @@ _CUTOFF = 3.5
 _MOVING, _MANY = 1.0, 300
 #: The share of windows for which σ is to be enough, of those with so many rows.
 _SHARE, _FEW = 0.9, 30
-#: Clock walk of an oscillator nothing is known of, and the least that is believed [m/s/√s].
-_UNKNOWN_WALK, _STEADIEST = 0.1, 0.02
+#: Clock walk of an oscillator nothing is known of, the least that is believed, and the most: what
+#: wanders by more is no clock, and leaves nothing between satellites to align with [m/s/√s].
+_UNKNOWN_WALK, _STEADIEST, _WILDEST = 0.1, 0.02, 1.0
 
 
 @dataclass(frozen=True)
@@ -169,4 +170,4 @@ def _walk(drifts: list[tuple[FloatArray, FloatArray]]) -> float:
     if len(seconds) < 3:
         return _UNKNOWN_WALK
     slope = float(np.polyfit(seconds, variance, 1)[0])
-    return float(np.clip(np.sqrt(max(slope, 0.0)), _STEADIEST, _UNKNOWN_WALK))
+    return float(np.clip(np.sqrt(max(slope, 0.0)), _STEADIEST, _WILDEST))

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ...filters.error_model import ODOMETER_SCALE_SIGMA
 from ...filters.errors import ConfigError
 
-METHODS = ("certified", "robust", "sdp", "voba", "gauss-newton")
+#: Ways of our own, and others' to compare with.
+OWN = ("certified", "robust")
+METHODS = (*OWN, "sdp", "voba", "gauss-newton")
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,12 @@ class WindowOptions:
     sigma_local_mps : float
         1σ per axis of the local velocity, odometer and yaw rate together; added to that of
         every row.
+    position_sigma_m : float, optional
+        1σ per axis of the positions that lines of sight are computed for [m], unknowns of each
+        window. Default: what the receiver's positions come with.
+    speed_scale_sigma : float
+        1σ of the odometer's scale, an unknown of each window; the default is what tyres leave
+        open.
     satellites : float, optional
         Keep this many satellites per epoch, drawn at random; a fraction is the average.
         Default: all.
@@ -58,6 +67,8 @@ class WindowOptions:
     clock: str = "random-walk"
     clock_walk: float = 0.1
     sigma_local_mps: float = 0.0
+    position_sigma_m: float | None = None
+    speed_scale_sigma: float = ODOMETER_SCALE_SIGMA
     satellites: float | None = None
     labels: str = "all"
     decimate: int = 1
@@ -81,5 +92,11 @@ class WindowOptions:
             raise ConfigError(f"--level: expected 0 < level ≤ 45°, found {self.level_deg:g}")
         if not (self.window > 0.0 and self.step > 0.0 and self.decimate >= 1):
             raise ConfigError("expected window > 0 s, step > 0 s and decimate ≥ 1")
+        if not (self.position_sigma_m is None or 0.0 <= self.position_sigma_m < float("inf")):
+            raise ConfigError(f"--position-sigma: expected ≥ 0 m, found {self.position_sigma_m:g}")
+        if not 0.0 <= self.speed_scale_sigma < 1.0:
+            raise ConfigError(
+                f"--speed-scale: expected 0 ≤ 1σ < 100 %, found {100.0 * self.speed_scale_sigma:g}"
+            )
         if self.satellites is not None and not self.satellites >= 1.0:
             raise ConfigError(f"--satellites: expected at least 1, found {self.satellites:g}")

@@ -8,12 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...alignment.in_motion.align import align_inertial
+from ...alignment.in_motion.unknowns import InertialOptions
 from ...alignment.result import AlignmentResult, Verdict
 from ...datasets.observations import GnssObservations
 from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of
-from ...filters.errors import AlignmentError
+from ...filters.errors import AlignmentError, ConfigError
 from ...filters.rotation import FloatArray, wrap_angle
+from ...filters.strapdown import InertialStream
 from .methods import Believed, clock_model, solve
 from .noise import WindowNoise, fit_window_noise
 from .options import WindowOptions
@@ -21,6 +24,7 @@ from .rows import (
     alignment_rows,
     left_out,
     local_track,
+    position_sigma,
     prepared_observations,
     screened_observations,
 )
@@ -105,27 +109,44 @@ def align_recording(
     Raises
     ------
     AlignmentError
-        If the recording has no raw Doppler, no odometer, or no window that both cover.
+        If the recording has no raw Doppler, neither odometer nor IMU, or no window that they
+        cover.
+    ConfigError
+        If the IMU is alone, and what is asked needs an odometer.
+
+    Notes
+    -----
+    Without an odometer the windows are of Doppler and IMU, as a run aligns in motion
+    (`alignment.in_motion`): the velocity at the beginning of each is one of its unknowns.
     """
     observations, pos_e = prepared_observations(sequence, options)
+    if not len(observations):
+        raise AlignmentError(f"{sequence.name}: no Doppler above mask and limits to align with")
     first, last = float(observations.time[0]), float(observations.time[-1])
-    if sequence.odometer is None:
+    odometer = sequence.odometer
+    alone = odometer is None
+    if odometer is not None:
+        first = max(first, float(odometer.time[0]))
+        last = min(last, float(odometer.time[-1]))
+    if alone and sequence.imu is None:
         raise AlignmentError(
-            f"{sequence.name}: no odometer, so no local velocity — alignment from an IMU alone "
-            "needs the unknown start velocity as a nuisance, which is not built yet"
+            f"{sequence.name}: neither odometer nor IMU, so nothing tells how the vehicle moved"
         )
-    first = max(first, float(sequence.odometer.time[0]))
-    last = min(last, float(sequence.odometer.time[-1]))
-    if sequence.imu is not None and sequence.odometer.yaw_rate is None:
+    if alone:
+        _only_what_an_imu_can(options)
+    if sequence.imu is not None and (odometer is None or odometer.yaw_rate is None):
         first = max(first, float(sequence.imu.time[0]))
         last = min(last, float(sequence.imu.time[-1]))
     count = int(np.floor((last - first - options.window) / options.step + 1e-9)) + 1
     if count < 1:
         raise AlignmentError(
-            f"{sequence.name}: Doppler and odometer share {max(last - first, 0.0):.1f} s, less "
-            f"than one window of {options.window:g} s"
+            f"{sequence.name}: Doppler and {'IMU' if alone else 'odometer'} share "
+            f"{max(last - first, 0.0):.1f} s, less than one window of {options.window:g} s"
         )
     starts = [first + k * options.step for k in range(count)]
+    if alone:
+        inertial = _Inertial(sequence, options)
+        return [inertial.window(observations, pos_e, s) for s in starts], WindowNoise()
     noise = _noise(sequence, observations, pos_e, starts, options)
     screened, _ = screened_observations(sequence, options)
     results = [
@@ -138,6 +159,62 @@ def align_recording(
     return results, noise
 
 
+def _only_what_an_imu_can(options: WindowOptions) -> None:
+    """Refuse what needs an odometer."""
+    asked = {
+        f"--method {options.method}": options.method not in ("certified", "robust"),
+        "--noise fitted": options.noise != "assumed",
+        "--level": options.level_deg is not None,
+        "a σ of the local velocity": options.sigma_local_mps != 0.0,
+    }
+    for what, there in asked.items():
+        if there:
+            raise ConfigError(f"{what}: needs an odometer, and the recording has none")
+
+
+class _Inertial:
+    """Windows of Doppler and IMU.
+
+    Rows are rejected where `options.method` is 'robust', as in a run; 'certified' takes them all.
+    """
+
+    def __init__(self, sequence: Sequence, options: WindowOptions) -> None:
+        imu, self.sequence, self.options = sequence.inertial, sequence, options
+        self._stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
+        self._how = InertialOptions(
+            imu=sequence.calibration.imu, clock=clock_model(options, WindowNoise()),
+            robust=options.method == "robust",
+        )  # fmt: skip
+
+    def window(
+        self, observations: GnssObservations, pos_e: FloatArray, start: float
+    ) -> WindowResult:
+        """Align the window that begins at `start`; whatever goes wrong is in the result."""
+        inside = _inside(observations, start, self.options)
+        part, nan = observations.take(inside), float("nan")
+        calibration, reference = self.sequence.calibration, self.sequence.reference
+        try:
+            found = align_inertial(
+                self._stream, part, pos_e[inside], calibration.lever_antenna_b, self._how
+            )
+        except AlignmentError as error:
+            return WindowResult(start, 0, len(part), nan, "FAILED", nan, nan, nan, nan, str(error))
+        result = found.result
+        C_nb = C_en_of(found.pos_e).T @ found.track.attitude(found.C_eb, 0)
+        C_nv = C_nb @ calibration.C_bv
+        heading = float(np.arctan2(C_nv[1, 0], C_nv[0, 0]))
+        of_imu = reference is not None and reference.attitude_frame == "b"
+        judged = float(np.arctan2(C_nb[1, 0], C_nb[0, 0])) if of_imu else heading
+        error_rad = float(wrap_angle(judged - reference_heading(self.sequence, found.start)))
+        failed = "not " + ", ".join(v.name for v in result.failed)
+        return WindowResult(
+            start, found.epochs, found.inliers.size, found.inliers.size / found.epochs,
+            "PASSED" if result.passed else failed, heading, found.sigma_heading,
+            error_rad, result.cost / result.dof if result.dof > 0 else nan, "", result.bound,
+            result.verdicts, result,
+        )  # fmt: skip
+
+
 def _noise(
     sequence: Sequence, observations: GnssObservations, pos_e: FloatArray, starts: list[float],
     options: WindowOptions,
@@ -145,13 +222,16 @@ def _noise(
     """Return the noise of the rows, fitted to all windows if so asked."""
     if options.noise == "assumed":
         return WindowNoise()
-    windows = []
+    # Whatever the speed's own errors are, scale or lag, they belong to what a row is off by: a
+    # scale left free here would make rows look surer and less alike than they are.
+    windows, exact = [], replace(options, sigma_local_mps=0.0, speed_scale_sigma=0.0)
     for start in starts:
         inside = _inside(observations, start, options)
         part = observations.take(inside)
         try:
             track = local_track(sequence, start, start + options.window)
-            rows = alignment_rows(part, pos_e[inside], track, 0.0, WindowNoise())
+            near = position_sigma(sequence, options, start, start + options.window)
+            rows = alignment_rows(part, pos_e[inside], track, exact, WindowNoise(), near)
         except AlignmentError:
             continue
         windows.append((rows, part))
@@ -181,7 +261,8 @@ def align_window(
         if not inside.any():
             raise AlignmentError("no Doppler in this window")
         track = local_track(sequence, start, end)
-        rows = alignment_rows(part, pos_e[inside], track, options.sigma_local_mps, noise)
+        near = position_sigma(sequence, options, start, end)
+        rows = alignment_rows(part, pos_e[inside], track, options, noise, near)
     except AlignmentError as error:
         return WindowResult(start, 0, len(part), nan, "FAILED", nan, nan, nan, nan, str(error))
     epochs = int(np.unique(rows.epoch).size)
@@ -226,6 +307,7 @@ def summary(results: list[WindowResult]) -> dict[str, float | int]:
         "solved": int(solved),
         "passed": len(passed),
         "largest_passed_deg": float(np.max(passed)) if passed else nothing,
+        "mae_passed_deg": float(np.mean(passed)) if passed else nothing,
         "mae_deg": float(np.mean(np.abs(error))) if error.size else nothing,
         "std_deg": float(np.std(error)) if error.size else nothing,
         "max_deg": float(np.max(np.abs(error))) if error.size else nothing,

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ...alignment.local_velocity import LocalTrack, inertial_track, planar_track
-from ...alignment.problem import AlignmentRows
+from ...alignment.local_velocity import (
+    LocalTrack,
+    inertial_track,
+    planar_track,
+    rate_at_rest,
+)
+from ...alignment.problem import POSITION_SIGMA, AlignmentRows
 from ...datasets.observations import GnssObservations
 from ...datasets.sequence import Sequence
 from ...filters.errors import AlignmentError
@@ -15,7 +22,10 @@ from ...filters.strapdown import InertialStream
 from ...velocity.phase_rates import phase_gate, with_phase_rates
 from ...velocity.range_rate import doppler_rows, with_elevation
 from .noise import WindowNoise
-from .options import WindowOptions
+from .options import OWN, WindowOptions
+
+#: As far as a vehicle gets between a fix and a window without one [m/s].
+FASTEST = 40.0
 
 
 def prepared_observations(
@@ -66,6 +76,25 @@ def _whereabouts(sequence: Sequence, time: FloatArray) -> FloatArray:
     return np.column_stack([np.interp(time, source.time, x) for x in source.pos_e.T])
 
 
+def position_sigma(sequence: Sequence, options: WindowOptions, start: float, end: float) -> float:
+    """Return 1σ per axis of the positions of a window [m]: what is stated, or what fixes state.
+
+    Fixes are interpolated; where the nearest is far in time the vehicle may be elsewhere.
+    """
+    if options.position_sigma_m is not None:
+        return options.position_sigma_m
+    if sequence.fixes is None:
+        return POSITION_SIGMA
+    fixes = sequence.fixes
+    inside = (fixes.time >= start) & (fixes.time <= end)
+    gap = 0.0
+    if not inside.any():
+        away = np.maximum(np.maximum(start - fixes.time, fixes.time - end), 0.0)
+        inside, gap = away == away.min(), float(away.min())
+    variance = np.trace(fixes.pos_cov_e[inside], axis1=1, axis2=2) / 3.0
+    return float(np.hypot(np.sqrt(np.median(variance)), FASTEST * gap))
+
+
 def _kept(observations: GnssObservations, options: WindowOptions) -> NDArray[np.bool_]:
     """Return the rows left by decimation and by drawing satellites."""
     rng = np.random.default_rng(options.seed)
@@ -95,8 +124,9 @@ def local_track(sequence: Sequence, start: float, end: float) -> LocalTrack:
         return planar_track(odometer.time, odometer.speed, odometer.yaw_rate, start, end, lever_v)
     imu = sequence.inertial
     stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
+    bias = rate_at_rest(stream, odometer.time, odometer.speed, end)
     return inertial_track(
-        stream, odometer.time, odometer.speed, start, end, calibration.C_bv, lever_v=lever_v
+        stream, odometer.time, odometer.speed, start, end, calibration.C_bv, bias, lever_v
     )
 
 
@@ -104,10 +134,16 @@ def alignment_rows(
     observations: GnssObservations,
     pos_e: FloatArray,
     track: LocalTrack,
-    sigma_local: float,
+    options: WindowOptions,
     noise: WindowNoise,
+    position_sigma: float,
 ) -> AlignmentRows:
     """Pair the Doppler of a window with the local velocity at the same instants."""
     doppler = doppler_rows(observations, pos_e, noise.doppler)
     time = observations.time[doppler.row]
-    return AlignmentRows.paired(doppler, time, track.velocity_at(time), vel_sigma=sigma_local)
+    if options.method not in OWN:  # published without such unknowns
+        position_sigma, options = 0.0, replace(options, speed_scale_sigma=0.0)
+    return AlignmentRows.paired(
+        doppler, time, track.velocity_at(time), vel_sigma=options.sigma_local_mps,
+        position_sigma=position_sigma, speed_scale_sigma=options.speed_scale_sigma,
+    )  # fmt: skip

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from certnav.alignment.local_velocity import inertial_track, planar_track
+from certnav.alignment.local_velocity import inertial_track, planar_track, rate_at_rest
 from certnav.datasets.gpstime import from_week_sow
 from certnav.datasets.simulation.streets import RouteConfig, drive
 from certnav.datasets.simulation.trajectory import Trajectory
@@ -92,3 +92,33 @@ def test_windows_that_are_not_covered_are_refused():
     stream = InertialStream(np.arange(0.0, 3.0, 0.1), np.zeros((30, 3)), np.zeros((30, 3)))
     with pytest.raises(AlignmentError, match="IMU does not cover"):
         inertial_track(stream, time, time, 1.0, 9.0, np.eye(3))
+
+
+def test_gyros_show_their_bias_while_the_wheels_stand():
+    """The last standstill that is long enough and over by then; without one nothing is known."""
+    edges = np.arange(0.0, 60.0, 0.01)
+    still = ((edges > 5.0) & (edges < 10.0)) | ((edges > 30.0) & (edges < 36.0))
+    short = (edges > 45.0) & (edges < 46.0)
+    bias = np.where(edges[:, None] < 20.0, [0.01, 0.0, -0.02], [0.03, 0.0, 0.02])
+    gyro = bias + np.where((still | short)[:, None], 0.0, [0.0, 0.0, 0.4])
+    stream = InertialStream(edges, gyro, np.zeros_like(gyro))
+    time = np.arange(0.0, 60.0, 0.1)
+    stands = ((time > 5.0) & (time < 10.0)) | ((time > 30.0) & (time < 36.0))
+    speed = np.where(stands | ((time > 45.0) & (time < 46.0)), 0.0, 9.0)
+    for until, expected in ((60.0, bias[-1]), (25.0, bias[0]), (4.0, np.zeros(3))):
+        np.testing.assert_allclose(rate_at_rest(stream, time, speed, until), expected, atol=1e-12)
+    np.testing.assert_array_equal(rate_at_rest(stream, time, speed + 1.0, 60.0), np.zeros(3))
+
+
+def test_the_way_is_the_integral_of_the_velocity(car):
+    """From the truth's positions; unknown outside the window."""
+    start = car.span[0] + 120.0
+    time = start + np.arange(0.0, 20.0, 0.02)
+    speed, yaw_rate = odometer(car, time)
+    track = planar_track(time, speed, yaw_rate, start, time[-1], LEVER_V)
+    moved = track.moved_at(time[[0, -1]])
+    np.testing.assert_array_equal(moved[0], np.zeros(3))
+    lever_b = car.lever_vehicle_b + MOUNT @ LEVER_V
+    ends = car.pos_e(time[[0, -1]], lever_b)
+    assert np.linalg.norm(moved[1]) == pytest.approx(np.linalg.norm(ends[1] - ends[0]), rel=5e-3)
+    assert np.isnan(track.moved_at([start - 1.0])).all()

@@ -14,11 +14,15 @@ from certnav.alignment.problem import (
     ClockModel,
     build_problem,
     design_matrix,
-    project_out,
 )
+from certnav.alignment.reference.earth_windows import earth_window
 from certnav.alignment.reference.simulation import simulate_window
 from certnav.alignment.solver.constraints import lift
+from certnav.alignment.solver.elimination import project_out
+from certnav.alignment.solver.refinement import rotation_angle
+from certnav.alignment.verdict import align
 from certnav.filters.errors import AlignmentError, ConfigError, DataError
+from certnav.velocity.range_rate import DopplerRows
 
 MODELS = [
     ClockModel(),
@@ -229,3 +233,50 @@ def test_clock_models_are_declared_or_refused():
         ClockModel("random-walk")
     with pytest.raises(ConfigError, match="has no q"):
         ClockModel("constant", 0.1)
+
+
+def test_shared_errors_are_unknowns_of_unit_variance(rows, rotations, rng):
+    """Their rows written out: cost, estimate, and no degree of freedom lost."""
+    common = rng.normal(0.0, 0.3, (len(rows), 2))
+    clock = ClockModel("random-walk", 0.3)
+    problem = build_problem(dataclasses.replace(rows, common=common), clock)
+    C = rotations[3]
+    # As noise with that covariance: another way to the same least squares.
+    t = rows.time - rows.time.min()
+    noise = np.diag(rows.sigma**2) + 0.09 * np.minimum(t[:, None], t) + common @ common.T
+    residual = np.einsum("ki,ij,kj->k", rows.e_e, C, rows.vel_w) - rows.z
+    weight, ones = np.linalg.inv(noise), np.ones(len(rows))
+    left = residual - ones * (ones @ weight @ residual) / (ones @ weight @ ones)
+    assert problem.cost(C) == pytest.approx(left @ weight @ left, rel=1e-9)
+    assert problem.dof == build_problem(rows, clock).dof
+    shared = -common.T @ weight @ left
+    np.testing.assert_allclose(problem.nuisance_at(C)[1:], shared, rtol=1e-6, atol=1e-8)
+
+
+def test_a_wrong_position_and_speed_are_found_among_the_unknowns(rng):
+    """5 km and 3 % off, without noise: the rotation is the true one, the errors are named."""
+    window = earth_window(rng, 6, 30.0, noise=False)
+    off = np.array([3000.0, -2000.0, 3500.0])
+    moved_e = window.track.moved_at(window.signals.time) @ window.C_ew.T
+    sight = window.signals.at(window.pos_e + off + moved_e)
+    doppler = DopplerRows(
+        np.arange(len(window.signals)), np.full(len(window.signals), "G01"), sight.e_e, sight.z,
+        window.signals.sigma, sight.by_pos,
+    )  # fmt: skip
+    time, slow = window.signals.time, 1.0 / 1.03
+    vel_w = slow * window.track.velocity_at(time)
+    known = AlignmentRows.paired(doppler, time, vel_w, position_sigma=1e4, speed_scale_sigma=0.05)
+    result = align(known, ClockModel("random-walk", 0.1))
+    assert rotation_angle(result.C_ew, window.C_ew) < np.radians(0.2)
+    # z is in the measure of the velocities given: all is 3 % smaller.
+    np.testing.assert_allclose(1e4 * result.nuisance[1:4], slow * off, atol=30.0)
+    assert 0.05 * result.nuisance[4] == pytest.approx(1.0 - slow, abs=1e-3)
+    believed = AlignmentRows.paired(doppler, time, vel_w, position_sigma=0.0)
+    assert rotation_angle(align(believed).C_ew, window.C_ew) > np.radians(2.0)
+
+
+@pytest.mark.parametrize("name", ["position_sigma", "speed_scale_sigma"])
+def test_a_sigma_that_is_none_is_refused(name, rows):
+    doppler = DopplerRows(np.arange(2), ["G01", "G02"], rows.e_e[:2], rows.z[:2], rows.sigma[:2])
+    with pytest.raises(ConfigError, match=name):
+        AlignmentRows.paired(doppler, rows.time[:2], rows.vel_w[:2], **{name: -1.0})

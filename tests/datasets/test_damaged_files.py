@@ -397,7 +397,7 @@ def test_a_file_name_that_is_none(seeds, tmp_path):
         key, _, value = old.partition(" = ")
         new = '["\\u0000"]' if value.startswith("[") else '"\\u0000"'
         (folder / "sequence.toml").write_text(text.replace(old, f"{key} = {new}"))
-        with pytest.raises(NavError, match=r"expected a text|navigation is not declared"):
+        with pytest.raises(NavError, match=r"expected a text|expected names of files"):
             READ["own_rinex"](folder)
 
 

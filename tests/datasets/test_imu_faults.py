@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.datasets.imu_faults import blind_stretches
+from certnav.datasets.imu_faults import blind_stretches, polled
 from certnav.datasets.series import ImuData
 
 RATE = 100.0
@@ -116,3 +116,33 @@ def test_a_dead_axis_is_frozen_throughout():
     gyro[:, 1] = 0.0
     (only,) = blind_stretches(ImuData(imu.time, gyro, imu.accel_b), moving(imu))
     assert (only.name, only.first, only.last) == ("gyro y", 0, len(imu) - 1)
+
+
+def polled_out_of_step(share, seconds=4000.0, sigma=0.1):
+    """A vibrating IMU, and its log in which that share of samples is another one read twice."""
+    rng, n = np.random.default_rng(31), int(100 * seconds)
+    time = 0.01 * np.arange(n)
+    x = sigma * rng.standard_normal((n, 6)) * [1.0, 2.0, 0.5, 3.0, 1.0, 1.0]
+    slow = np.sin(0.3 * time)[:, None] * [0.2, 0.0, 0.4, 1.0, 1.0, 0.0]  # what a car does
+    true = x + slow
+    logged, period = true.copy(), int(1.0 / share)
+    twice = np.arange(period, n, period)
+    logged[twice] = true[twice - 1]
+    return ImuData(time, true[:, :3], true[:, 3:]), ImuData(time, logged[:, :3], logged[:, 3:])
+
+
+def test_the_noise_of_samples_polled_twice_is_what_their_integral_scatters():
+    true, logged = polled_out_of_step(0.02)
+    found = polled(logged)
+    assert found is not None and found.share == pytest.approx(0.02, rel=0.01)
+    for density, name in ((found.gyro_density, "gyro_b"), (found.accel_density, "accel_b")):
+        error = (getattr(logged, name) - getattr(true, name)).reshape(400, 1000, 3).sum(axis=1)
+        scatter = 0.01 * error.std(axis=0) / np.sqrt(10.0)  # in ten seconds
+        # What a car does adds a few per cent to the steps; 400 spans know their spread to 4 %.
+        assert density == pytest.approx(np.sqrt((scatter**2).mean()), rel=0.1)
+
+
+@pytest.mark.parametrize("share", [0.0005, 0.5])
+def test_what_hardly_ever_or_always_repeats_is_no_polling(share):
+    assert polled(polled_out_of_step(share, 100.0)[1]) is None
+    assert polled(polled_out_of_step(share, 100.0)[0]) is None

@@ -181,3 +181,23 @@ def test_course_is_clockwise_from_north_and_nan_when_slow():
     course = course_of(pos_e, vel_e)
     np.testing.assert_allclose(course[:3], np.radians([0.0, 90.0, -135.0]), atol=1e-12)
     assert np.isnan(course[3])
+
+
+@pytest.mark.parametrize("pitch", [-29.0, 20.0, 29.0])
+@pytest.mark.parametrize("upside_down", [False, True])
+def test_a_gyro_that_lies_askew_turns_about_the_vertical(pitch, upside_down):
+    """Its own z measures cos(29°) = 0.87 of the turns, which is no scale factor."""
+    t, rate, heading = weaving()
+    up_b = np.array([np.sin(pitch * DEG), 0.0, -np.cos(pitch * DEG)])
+    gyro = -np.outer(rate, up_b)
+    accel = np.tile(9.8 * up_b, (t.size, 1))
+    if upside_down:
+        gyro, accel = gyro * [1.0, -1.0, -1.0], accel * [1.0, -1.0, -1.0]
+    imu = ImuData(t, gyro, accel)
+    course = wrap(heading[::10])
+    if upside_down:
+        with pytest.raises(DataError, match="upside down"):
+            check_gyro(imu, t[::10], course, file="f", declared="x")
+        return
+    said = check_gyro(imu, t[::10], course, file="f", declared="x")
+    assert "verified" in said and "= 1 ±" in said

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from certnav.filters import measurements
+from certnav.filters.error_model import POS
 from certnav.filters.levers import AntennaPoint, rate_over_earth
 from oracles.derivatives import central_differences, moved
 
@@ -97,6 +98,20 @@ def test_range_rate_rows_are_blind_to_the_clock_and_right_in_slope(moving_state,
         return measurements.range_rates(moving_state, 15, e, z, sigma, LEVER, OMEGA).z
 
     np.testing.assert_allclose(m.H, central_differences(innovation, 15), atol=1e-5)
+
+
+@pytest.mark.parametrize("clock", [None, 19])
+def test_range_rates_know_what_the_position_does_to_them(moving_state, clock):
+    """z computed at an estimate that is off by δp, of the true one's opposite sign."""
+    e, sigma = satellites(4)
+    by_pos = np.random.default_rng(4).normal(0.0, 2e-4, (4, 3))
+    args = (moving_state, 20, e, np.zeros(4), sigma, LEVER, OMEGA, clock, 0.0)
+    exact, known = (measurements.range_rates(*args, g) for g in (None, by_pos))
+    step = np.array([400.0, -300.0, 100.0])  # true − estimated
+    moved = measurements.range_rates(*args[:3], -by_pos @ step, *args[4:], None)
+    np.testing.assert_allclose(known.H[:, POS] @ step, moved.z - exact.z, atol=1e-9)
+    rest = np.delete(np.arange(20), POS)
+    np.testing.assert_array_equal(known.H[:, rest], exact.H[:, rest])
 
 
 def test_range_rates_of_two_satellites_are_their_difference(moving_state):

@@ -14,7 +14,7 @@ from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import ErrorModel
 from certnav.filters.rotation import matrix_from_rotvec
 from certnav.filters.sensors import imu_preset
-from certnav.filters.smoother import smooth
+from certnav.filters.smoother import separation, smooth
 from certnav.filters.strapdown import InertialStream, NavState
 
 SPEC = dataclasses.replace(
@@ -146,3 +146,47 @@ def test_smoothed_covariance_is_honest(city_drive):
     low, high = chi2.ppf([0.025, 0.975], 3 * runs) / runs
     assert low < mean.mean() < high
     assert ((mean > low) & (mean < high)).mean() > 0.85
+
+
+def test_forward_and_backward_are_apart_by_what_their_covariances_say(city_drive):
+    """White errors of known σ: χ² of what is between them is 3 on the average, its mean zero."""
+    runs, chi, apart = 30, [], []
+    for seed in range(runs):
+        kalman = run(city_drive, seed)
+        found = separation(kalman.tape, smooth(kalman.tape, kalman.P))
+        known = np.isfinite(found.chi2)
+        assert 0.7 < known.mean() < 1.0  # at the end there are no later data
+        assert not known[-1]
+        assert (np.isfinite(found.backward_e).all(axis=1) == known).all()
+        chi.append(found.chi2)
+        apart.append(found.backward_e - found.forward_e)
+    low, high = chi2.ppf([0.025, 0.975], 3 * runs) / runs
+    assert low < np.nanmean(chi) < high
+    apart = np.array(apart)
+    known = np.isfinite(apart).all(axis=(0, 2))
+    spread = apart[:, known].std(axis=0) / np.sqrt(runs)
+    assert np.abs((apart[:, known].mean(axis=0) / spread).mean(axis=0)).max() < 1.0
+
+
+def test_combined_is_the_weighted_mean_of_forward_and_backward(city_drive):
+    """Backward has the information that is missing to the combined one, and nothing else."""
+    kalman = run(city_drive, 3)
+    rows = smooth(kalman.tape, kalman.P)
+    found = separation(kalman.tape, rows)
+    known = np.isfinite(found.chi2)
+    forward = np.array([e[0] for e in kalman.tape.entries if len(e) == 2])[known]
+    both, one = (np.linalg.inv(position_covariance(r)) for r in (rows[known], forward))
+    other = both - one
+    pull = one @ found.forward_e[known][..., None] + other @ found.backward_e[known][..., None]
+    size = np.linalg.norm(one @ found.forward_e[known][..., None], axis=1)
+    assert np.abs(pull).max() < 1e-5 * size.max()
+    # χ² from its definition: what is between the two over the sum of their covariances.
+    between = (found.backward_e - found.forward_e)[known]
+    total = np.linalg.inv(one) + np.linalg.inv(other)
+    expected = np.einsum("ki,ki->k", between, np.linalg.solve(total, between[..., None])[..., 0])
+    np.testing.assert_allclose(found.chi2[known], expected, rtol=1e-4)
+    # In the spell without GNSS the later data pull the filter back.
+    since = found.time - found.time[0]
+    spell = (since > 60.0) & (since < 70.0)
+    worst = np.linalg.norm(found.forward_e[spell], axis=1).max()
+    assert worst > 3.0 * np.linalg.norm(found.forward_e[(since > 20) & (since < 40)], axis=1).max()

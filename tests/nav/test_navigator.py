@@ -74,7 +74,7 @@ def test_live_equals_batch(name, method, delay, request):
     tables = {
         "filter": {"output_rate_hz": 10.0},
         "alignment": {"method": method},
-        "gnss": {"position_noise": "declared"},
+        "gnss": {"position_noise": "declared", "velocity_noise": "declared"},
     }
     config = from_tables(tables)
     batch = navigate(drive, config)
@@ -94,8 +94,10 @@ def test_live_equals_batch(name, method, delay, request):
 def test_live_finds_the_mounting_that_a_batch_finds(drive):
     unknown = dataclasses.replace(drive.calibration, mounting_source="")
     drive = dataclasses.replace(drive, calibration=unknown)
-    # Live positions are taken as declared.
-    declared = dataclasses.replace(CONFIG.gnss, position_noise="declared")
+    # Live data are taken as declared.
+    declared = dataclasses.replace(
+        CONFIG.gnss, position_noise="declared", velocity_noise="declared"
+    )
     batch = navigate(drive, dataclasses.replace(CONFIG, gnss=declared)).installation
     live = feed(drive, 0.3)[0].installation
     assert live.source == batch.source == "estimated"

@@ -37,7 +37,7 @@ NO_CONSTRAINTS = {"nhc": "off", "zupt": False, "zaru": False, "odometer": "off"}
 
 
 #: Where a test makes errors that the declared noise does not have, which would be fitted to them.
-DECLARED = {"position_noise": "declared"}
+DECLARED = {"position_noise": "declared", "velocity_noise": "declared"}
 
 
 def config_with(**tables):

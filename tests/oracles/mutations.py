@@ -319,6 +319,24 @@ def ubx(data: bytes, r: Random) -> bytes:
     return bytes(out)
 
 
+def raw_message(data: bytes, r: Random) -> bytes:
+    """Break a message of a raw log, in any maker's format, under a checksum that is right."""
+    from certnav.datasets.receivers.raw_frames import find_frames
+
+    from .receiver_logs import reframed
+
+    frame = r.choice(find_frames(data).frames)
+    out = bytearray(data[frame.start : frame.stop])
+    for _ in range(r.choice((1, 2, 6, 20))):
+        k = r.randrange(4, len(out) - 4)
+        width = min(r.choice((1, 1, 2, 4)), len(out) - 4 - k)
+        fill = r.choice((b"\0", b"\xff", b"\x7f", b"\x80")) if r.random() < 0.5 else r.randbytes(1)
+        out[k : k + width] = fill * width
+    if r.random() < 0.2:
+        del out[r.randrange(12, len(out) - 4) : -4]
+    return data[: frame.start] + reframed(bytes(out)) + data[frame.stop :]
+
+
 def inside_gzip(data: bytes, r: Random) -> bytes:
     broken = _text(gzip.decompress(data), r)
     return broken if isinstance(broken, str) else gzip.compress(broken, 1)
@@ -341,6 +359,7 @@ _KINDS: dict[str, tuple[Callable, ...]] = {
     "npy": (*_BINARY, *14 * (array,)),
     "nmea": (*_TEXT, *20 * (nmea,)),
     "ubx": (*_BINARY, *14 * (ubx,)),
+    "raw": (*_BINARY, *28 * (raw_message,)),
     "gzip": (*_BINARY, *20 * (inside_gzip,)),
 }
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .drives import WEEK
+from .solutions import WRITE
 
 
 def _load(format: str | None = None, **options: object) -> Callable[[Path], Any]:
@@ -51,6 +52,12 @@ def _rinex(folder: Path) -> Any:
     from certnav.datasets.rtklib import read_observations
 
     return read_observations(folder / "rover.obs", [folder / "brdc.nav"], signals="all")
+
+
+def _raw_log(folder: Path) -> Any:
+    from certnav.datasets.loading import load
+
+    return [load(file) for file in sorted(folder.iterdir())]
 
 
 def _relative(folder: Path) -> None:
@@ -106,8 +113,15 @@ READ: dict[str, Callable[[Path], Any]] = {
     "rtklib_pos_llh": _file("certnav.datasets.formats.rtklib_pos", "read_pos", "a.pos"),
     "rtklib_pos_ecef": _file("certnav.datasets.formats.rtklib_pos", "read_pos", "a.pos"),
     "rtklib_pos_dms": _file("certnav.datasets.formats.rtklib_pos", "read_pos", "a.pos"),
+    **{
+        f"solution_{form}": _file(
+            "certnav.datasets.solutions.reading", "read_solution", file, week=WEEK
+        )
+        for form, (file, _) in WRITE.items()
+    },
     "ubx": _file("certnav.datasets.formats.ubx", "read_ubx", "a.ubx"),
     "nmea": _file("certnav.datasets.formats.nmea", "read_nmea", "a.nmea"),
+    **dict.fromkeys(("raw_ubx", "raw_sbf", "raw_novatel", "raw_rtcm3"), _raw_log),
     "kfgins": _load(),
     "oakville": _load(),
     "rtklibexplorer": _load(),

@@ -39,6 +39,7 @@ from .drives import (
     write_table,
     write_ubx,
 )
+from .solutions import WRITE
 
 #: Seeds that share a folder with another one.
 SHARED = {"declare": "own_data", "check": "own_data", "check_great": "great"}
@@ -92,7 +93,7 @@ def make_seeds(root: Path, data: Path | None) -> list[Target]:
     out += _folder_seeds(root, d, rover, navigation)
     out += _rinex_seeds(root, rover, base, navigation, data)
     out += _own_seeds(root, d, rover, navigation, great)
-    return out
+    return [*out, *_raw_seeds(root, d, rover, navigation)]
 
 
 def _folder(root: Path, name: str) -> Path:
@@ -129,6 +130,10 @@ def _text_seeds(root: Path, d: Drive, great: Path) -> list[Target]:
         folder = _folder(root, f"rtklib_pos_{form}")
         write_pos(folder / "a.pos", d, form)
         out.append(Target(folder.name, "rtklib_pos", {"a.pos": "text"}, 6))
+    for form, (file, write) in WRITE.items():
+        folder = _folder(root, f"solution_{form}")
+        write(folder / file, d.fixes)
+        out.append(Target(folder.name, "solutions", {file: "text"}, 5))
     ubx, nmea = _folder(root, "ubx"), _folder(root, "nmea")
     write_ubx(ubx / "a.ubx", d)
     write_nmea(nmea / "a.nmea", d)
@@ -246,6 +251,26 @@ def _whole_ephemerides(file: Path) -> None:
     lines = file.read_text("latin-1").splitlines(keepends=True)
     last = max(k for k, line in enumerate(lines) if line[0].isalpha())
     file.write_text("".join(lines[:last]), "latin-1")
+
+
+def _raw_seeds(root: Path, d: Drive, rover: Path, navigation: Path) -> list[Target]:
+    """Write the drive's first seconds as the logs of four makers."""
+    from certnav.datasets.rtklib.satellites import load_navigation, satellite_name
+
+    from . import receiver_logs as logs
+
+    nav = load_navigation([navigation])
+    ephemerides = [(satellite_name(nav.eph[k].sat), nav.eph[k]) for k in range(nav.n)]
+    epochs = logs.epochs_of(d.simulation.observations)[:6]
+    written = {
+        "ubx": logs.ubx_log(epochs, ephemerides),
+        "sbf": logs.sbf_log(epochs, ephemerides, 299792458.0 / 1575.42e6),
+        "novatel": logs.novatel_log(epochs, ephemerides),
+        "rtcm3": logs.rtcm3_log(str(rover), str(navigation), {"G": 1077}),
+    }
+    for name, parts in written.items():
+        (_folder(root, f"raw_{name}") / f"a.{name}").write_bytes(b"".join(parts))
+    return [Target(f"raw_{n}", f"raw logs, {n}", {f"a.{n}": "raw"}, 8) for n in written]
 
 
 def _own_seeds(root: Path, d: Drive, rover: Path, navigation: Path, great: Path) -> list[Target]:

@@ -18,6 +18,8 @@ def script():
         if name not in loaded:
             spec = importlib.util.spec_from_file_location(f"scripts_{name}", SCRIPTS / f"{name}.py")
             module = importlib.util.module_from_spec(spec)
+            if str(SCRIPTS) not in sys.path:
+                sys.path.append(str(SCRIPTS))  # one script may use another
             sys.modules[spec.name] = module
             spec.loader.exec_module(module)
             loaded[name] = module

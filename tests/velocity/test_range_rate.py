@@ -187,6 +187,19 @@ def test_a_position_error_costs_what_the_docstring_says(satellites):
     assert 1e-4 < np.abs(moved).max() < 3e-3
 
 
+def test_rows_know_what_a_position_error_does_to_them(satellites):
+    """Against differences over 200 m, which see light time and the clocks' scale as well."""
+    obs, pos_e = observed(satellites, Receiver(np.zeros(3)))
+    rows = doppler_rows(obs, pos_e)
+    steps = 100.0 * np.eye(3)
+    found = np.stack(
+        [(doppler_rows(obs, pos_e + d).z - doppler_rows(obs, pos_e - d).z) / 200.0 for d in steps],
+        axis=1,
+    )
+    np.testing.assert_allclose(rows.z_by_pos, found, atol=1e-4 * np.abs(found).max())
+    np.testing.assert_array_equal(rows.take(slice(1, 3)).z_by_pos, rows.z_by_pos[1:3])
+
+
 def test_one_position_per_row_equals_one_for_all(satellites):
     obs, pos_e = observed(satellites, Receiver(np.zeros(3)))
     obs = obs.mark(np.arange(len(obs)) == 2, "test")

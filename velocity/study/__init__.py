@@ -2,9 +2,9 @@
 
     samples            Doppler rows with the reference's velocity and attitude beside them
     pairs              velocities of all pairs of satellites, millions at once
-    tables             their errors by C/N0 and |SDV·RMD| (Tables 1–3, Figs. 2, 3, 6)
+    tables             their errors by C/N0 and |SDV·RMD| (Tables 2, 3, 5, Figs. 3, 5–8)
     statistics         bins, heat maps, correlations
-    unaided            what inertial attitude without help costs (Table 4, Fig. 4)
+    unaided            what inertial attitude costs in outages (Table 4, Fig. 4)
     below_four         least squares against the mean of pairs, few satellites drawn at random
 
 The names below are imported when they are first asked for: importing the package costs nothing.
@@ -24,14 +24,13 @@ if TYPE_CHECKING:
         Bins,
         HeatMap,
         Rejection,
-        attitude_effect,
         binned_rms,
         correlations,
         heat_map,
         rejection,
     )
     from .tables import PairTable, concatenated, describe, pair_table
-    from .unaided import DriftEffect, drift_effect
+    from .unaided import Outage, outages, over_outages
 
 #: Public names by the module that each is imported from when it is first asked for.
 _PUBLIC = {
@@ -41,37 +40,37 @@ _PUBLIC = {
     "statistics": (
         "Bins",
         "HeatMap",
+        "Outage",
         "Rejection",
-        "attitude_effect",
         "binned_rms",
         "correlations",
         "heat_map",
         "rejection",
     ),
-    "unaided": ("DriftEffect", "drift_effect"),
+    "unaided": ("Outage", "outages", "over_outages"),
     "below_four": ("FewSatellites", "few_satellites"),
 }
 
 __all__ = [
     "Bins",
-    "DriftEffect",
     "EpochSpeeds",
     "FewSatellites",
     "HeatMap",
+    "Outage",
     "PairTable",
     "Pairs",
     "Rejection",
     "Samples",
     "all_pairs",
-    "attitude_effect",
     "binned_rms",
     "concatenated",
     "correlations",
     "describe",
-    "drift_effect",
     "epoch_speeds",
     "few_satellites",
     "heat_map",
+    "outages",
+    "over_outages",
     "pair_table",
     "reference_samples",
     "rejection",

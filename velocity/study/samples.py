@@ -28,7 +28,7 @@ from ..vehicle_motion import ForwardMotion, forward_motion
 from .pairs import Pairs, all_pairs, velocity_errors
 
 #: Longest step of the reference that is interpolated [s].
-_MAX_GAP = 1.05
+MAX_GAP = 1.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +150,13 @@ def reference_samples(
     pos_e, vel_e = _antenna_at(sequence, reference, ref_time, time, C_eb)
     speed = np.linalg.norm(vel_e, axis=1)
     usable = _covered(ref_time, time) & np.isfinite(vel_e).all(1)
-    left_out = {"no reference velocity": int((~usable).sum())}
+    seen = _covered(ref_time, time) & np.isfinite(
+        interpolated(time, ref_time, reference.vel_e)
+    ).all(1)
+    left_out = {
+        "no reference velocity": int((~seen).sum()),
+        "no reference attitude for the lever arm": int((seen & ~usable).sum()),
+    }
     if direction == "motion":
         left_out["too slow for a direction"] = int((usable & ~(speed > min_speed)).sum())
         usable &= speed > min_speed
@@ -200,7 +206,7 @@ def _covered(ref_time: FloatArray, time: FloatArray) -> NDArray[np.bool_]:
     after = np.clip(np.searchsorted(ref_time, time), 1, ref_time.size - 1)
     step = ref_time[after] - ref_time[after - 1]
     inside = (time >= ref_time[0] - 1e-6) & (time <= ref_time[-1] + 1e-6)
-    return inside & (step <= _MAX_GAP)
+    return inside & (step <= MAX_GAP)
 
 
 def interpolated(time: FloatArray, node: FloatArray, value: FloatArray) -> FloatArray:

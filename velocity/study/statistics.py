@@ -192,34 +192,14 @@ def spearman(x: ArrayLike, y: ArrayLike) -> float:
 
 
 def correlations(columns: dict[str, FloatArray], error: ArrayLike) -> dict[str, dict[str, float]]:
-    """Return Pearson and Spearman of every column with the error (Figs. 5 and 7)."""
-    return {
-        name: {"pearson": pearson(value, error), "spearman": spearman(value, error)}
-        for name, value in columns.items()
-    }
+    """Return Pearson and Spearman of every column with the error (Fig. 5).
 
-
-def attitude_effect(
-    error_reference: ArrayLike, error_imu: ArrayLike, k: ArrayLike, min_k: float = SINGULAR_K
-) -> dict[str, float]:
-    """Return what an IMU's attitude costs against the reference's (Table 4, Fig. 4).
-
-    Parameters
-    ----------
-    error_reference, error_imu : array_like, shape (m,)
-        ‖Δv‖ of the same pairs with either attitude [m/s].
-    k : array_like, shape (m,)
-        From the reference's attitude.
-    min_k : float
+    A column twice as long as `error`, with a value for each satellite of a pair, meets it twice.
     """
-    k = np.asarray(k, dtype=float)
-    regular = k > min_k
-    reference = np.asarray(error_reference, dtype=float)[regular]
-    imu = np.asarray(error_imu, dtype=float)[regular]
-    kept = (reference <= 3.0 * rms(reference)) & np.isfinite(imu)
-    return {
-        "pairs": int(kept.sum()),
-        "rms_reference_mps": rms(reference[kept]),
-        "rms_imu_mps": rms(imu[kept]),
-        "rms_difference_mps": rms(imu[kept] - reference[kept]),
-    }
+    error = np.asarray(error, dtype=float)
+    out = {}
+    for name, value in columns.items():
+        times = value.size // error.size if error.size else 1
+        repeated = np.tile(error, times)
+        out[name] = {"pearson": pearson(value, repeated), "spearman": spearman(value, repeated)}
+    return out

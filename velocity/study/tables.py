@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence as Listing
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...filters.rotation import FloatArray
 from ..ddia import SINGULAR_K
 from .samples import Samples
-from .statistics import binned_rms, correlations, heat_map, rejection, rms
+from .statistics import (
+    binned_rms,
+    correlations,
+    heat_map,
+    pearson,
+    rejection,
+    rms,
+    spearman,
+)
 
 #: Thresholds of Fig. 8.
 SNR_GRID = np.arange(30.0, 51.0, 1.0)
 K_GRID = np.round(np.arange(0.05, 1.0001, 0.05), 10)
+#: Edges of the ranges of Fig. 7 [dB-Hz].
+SNR_RANGES = (30.0, 35.0, 40.0, 45.0, 50.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +40,8 @@ class PairTable:
         GPS time [s].
     k, cosine : ndarray
         |SDV·RMD| as it is, and normalised.
+    sat_a, sat_b : ndarray of str
+        Which one is called A is an accident: nothing below depends on it.
     cn0_a, cn0_b : ndarray
         [dB-Hz].
     elevation_a, elevation_b, azimuth_a, azimuth_b : ndarray
@@ -40,6 +53,8 @@ class PairTable:
     time: FloatArray
     k: FloatArray
     cosine: FloatArray
+    sat_a: NDArray[np.str_]
+    sat_b: NDArray[np.str_]
     cn0_a: FloatArray
     cn0_b: FloatArray
     elevation_a: FloatArray
@@ -78,6 +93,8 @@ def pair_table(samples: Samples) -> PairTable:
         time=samples.time[pairs.epoch],
         k=pairs.k,
         cosine=pairs.cosine,
+        sat_a=samples.rows.sat[a],
+        sat_b=samples.rows.sat[b],
         cn0_a=samples.cn0[a],
         cn0_b=samples.cn0[b],
         elevation_a=samples.elevation[a],
@@ -116,11 +133,15 @@ def describe(
     Returns
     -------
     dict
-        ``pairs``; ``k05_kept``, ``rms_k05_mps`` (Table 2, before the outlier rule);
-        ``limit_mps``, ``kept_3rms``, ``rms_3rms_mps`` (Table 3); ``bins`` (Fig. 3, all pairs);
-        ``cn0`` (Table 5, Fig. 6); ``correlation`` (Figs. 5, 7) and ``heatmap`` (Fig. 8) over
-        pairs after both rules. NaN stands for nothing to tell.
+        ``pairs`` with C/N0 and ``unknown_cn0`` without, which are left out; ``k05_kept``,
+        ``rms_k05_mps`` (Table 2, before the outlier rule); ``limit_mps``, ``kept_3rms``,
+        ``rms_3rms_mps`` (Table 3); ``bins`` (Fig. 3, all pairs); and, over pairs after both
+        rules, ``cn0`` (Table 5), ``correlation`` (Fig. 5), ``by_satellite`` (Fig. 6),
+        ``within_snr`` (Fig. 7) and ``heatmap`` (Fig. 8). NaN stands for nothing to tell.
     """
+    known = np.isfinite(table.cn0_mean)
+    unknown = int((~known).sum())
+    table = table.take(known)
     k = table.k if k_of == "sdv" else table.cosine
     rule = rejection(k, table.error)
     kept = table.take((k > SINGULAR_K) & (table.error <= rule.limit))
@@ -130,6 +151,7 @@ def describe(
     grid = heat_map(kept_cn0, kept_k, kept.error, snr_grid, k_grid)
     return {
         "pairs": rule.offered,
+        "unknown_cn0": unknown,
         "k05_kept": rule.kept_k,
         "k05_discarded_share": rule.discarded_share,
         "rms_k05_mps": rule.rms,
@@ -145,27 +167,17 @@ def describe(
             for low, high, n, value in zip(bins.low, bins.high, bins.count, bins.rms, strict=True)
             if n
         ],
-        "cn0": _cn0_summary(np.concatenate([kept.cn0_a, kept.cn0_b])),
-        "correlation": correlations(
-            {
-                "k": kept_k,
-                "snr_a": kept.cn0_a,
-                "snr_b": kept.cn0_b,
-                "snr_mean": kept.cn0_mean,
-                "snr_min": kept.cn0_min,
-                "elevation_a": kept.elevation_a,
-                "elevation_b": kept.elevation_b,
-                "azimuth_a": kept.azimuth_a,
-                "azimuth_b": kept.azimuth_b,
-            },
-            kept.error,
-        ),
+        "cn0": _cn0_summary(kept.cn0_mean),
+        "correlation": correlations(_factors(kept, kept_k), kept.error),
+        "by_satellite": cn0_by_satellite(kept),
+        "within_snr": within_snr(kept.cn0_mean, kept_k, kept.error),
         "heatmap": [
             {
                 "snr": float(s),
                 "k": float(limit),
                 "rms_mps": float(grid.rms[i, j]),
                 "kept": float(grid.kept[i, j]),
+                "count": int(grid.count[i, j]),
             }
             for i, s in enumerate(grid.snr)
             for j, limit in enumerate(grid.k)
@@ -174,13 +186,72 @@ def describe(
     }
 
 
+def _factors(table: PairTable, k: FloatArray) -> dict[str, FloatArray]:
+    """Return what may go with the error, by the names of Fig. 5.
+
+    A factor of the pair has one value a pair. One of a single satellite has two, and both count,
+    with the same error: which of them is called A changes nothing.
+    """
+    both = {
+        "snr": (table.cn0_a, table.cn0_b),
+        "elevation": (table.elevation_a, table.elevation_b),
+        "azimuth": (table.azimuth_a, table.azimuth_b),
+    }
+    return {
+        "k": k,
+        "snr_mean": table.cn0_mean,
+        "snr_low": table.cn0_min,
+        "snr_high": np.maximum(table.cn0_a, table.cn0_b),
+        "elevation_low": np.minimum(table.elevation_a, table.elevation_b),
+        **{name: np.concatenate(values) for name, values in both.items()},
+    }
+
+
+def cn0_by_satellite(table: PairTable) -> list[dict[str, Any]]:
+    """Return mean and standard deviation of the pairs' mean C/N0 by satellite (Fig. 6).
+
+    A pair counts for both its satellites.
+    """
+    names, row = np.unique(np.concatenate([table.sat_a, table.sat_b]), return_inverse=True)
+    level = np.tile(table.cn0_mean, 2)
+    count = np.bincount(row, minlength=names.size)
+    mean = np.bincount(row, level, names.size) / np.maximum(count, 1)
+    spread = np.bincount(row, (level - mean[row]) ** 2, names.size) / np.maximum(count, 1)
+    return [
+        {"sat": str(name), "count": int(n), "mean_dbhz": float(m), "std_db": float(np.sqrt(s))}
+        for name, n, m, s in zip(names, count, mean, spread, strict=True)
+    ]
+
+
+def within_snr(cn0: FloatArray, k: FloatArray, error: FloatArray) -> list[dict[str, Any]]:
+    """Return how k goes with the error where the mean C/N0 is about the same (Fig. 7).
+
+    Every pair lies in one range; those with nothing in them are left out.
+    """
+    out = []
+    for low, high in itertools.pairwise((-np.inf, *SNR_RANGES, np.inf)):
+        here = (cn0 > low) & (cn0 <= high)
+        if here.any():
+            out.append(
+                {
+                    "above": float(low),
+                    "up_to": float(high),
+                    "count": int(here.sum()),
+                    "rms_mps": rms(error[here]),
+                    "pearson": pearson(k[here], error[here]),
+                    "spearman": spearman(k[here], error[here]),
+                }
+            )
+    return out
+
+
 def _cn0_summary(cn0: FloatArray) -> dict[str, Any]:
-    """Return mean, spread and a histogram in steps of 1 dB-Hz of the pairs' satellites."""
-    cn0 = cn0[np.isfinite(cn0)]
+    """Return mean, spread and a histogram in steps of 1 dB-Hz of the pairs' mean C/N0."""
     if not cn0.size:
-        return {"mean_dbhz": np.nan, "std_db": np.nan, "histogram": []}
+        return {"count": 0, "mean_dbhz": np.nan, "std_db": np.nan, "histogram": []}
     level, count = np.unique(np.floor(cn0), return_counts=True)
     return {
+        "count": int(cn0.size),
         "mean_dbhz": float(cn0.mean()),
         "std_db": float(cn0.std()),
         "histogram": [

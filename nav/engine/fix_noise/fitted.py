@@ -27,7 +27,8 @@ _LARGEST = 5.0
 _REFLECTED = 0.1
 #: Of the variance so much at least is taken as each position's own, as of declared ones. What a
 #: receiver's filter makes of errors is smoother than a Gauss–Markov process, and differences of
-#: millimetres, believed, pass for a lever arm that turns.
+#: millimetres, believed, pass for a lever arm that turns, or for a velocity. So much of one
+#: position a second: where such a filter gives ten, each of them has ten times that variance.
 _OWN = 1.0 - SHARED
 #: Of what residuals do not show, errors common to all satellites, an eighth of σ at least is
 #: thought probable beforehand: 0.5 m, as of broadcast orbits and clocks, of the usual 4 m.
@@ -58,10 +59,13 @@ def with_fitted_noise(
     why = _why_not(course, positions)
     if why:
         return course, None, _declared(why)
-    report(0.0, "alignment")
-    began = time.perf_counter()
-    start = found_start(course, course.events)
-    course = dataclasses.replace(course, start=(start, time.perf_counter() - began))
+    if course.start is None:
+        report(0.0, "alignment")
+        began = time.perf_counter()
+        start = found_start(course, course.events)
+        course = dataclasses.replace(course, start=(start, time.perf_counter() - began))
+    else:
+        start = course.start[0]
     report(0.0, "noise of positions")
     used, found = loose_pass(course, start)
     if len(found) < _FEWEST:
@@ -79,7 +83,7 @@ def with_fitted_noise(
             "is a jump or wrong data, not noise; as declared"
         )
         return course, None, (Note("doubtful", text),)
-    return _applied(course, errors), errors, plain([_said(errors, len(used))])
+    return with_noise(course, errors), errors, plain([_said(errors, len(used))])
 
 
 def _why_not(course: Course, positions: list[GnssEvent]) -> str:
@@ -91,8 +95,6 @@ def _why_not(course: Course, positions: list[GnssEvent]) -> str:
         return f"of {len(positions)} positions {resolved} have their ambiguities resolved"
     if not any(e.kind != "position" and not e.reason for e in course.events):
         return "without velocities there is nothing to compare positions with"
-    if course.model.antenna is not None:
-        return "where the antenna is, is estimated: what positions share looks like a lever arm"
     return ""
 
 
@@ -102,17 +104,20 @@ def _reflections(events: tuple[GnssEvent, ...], misfit: float) -> bool:
     return not (misfit < _REFLECTED and np.mean(offered) > 1.0 - _REFLECTED)
 
 
-def _applied(course: Course, errors: FixErrors) -> Course:
-    """Return the course with the errors that were found."""
+def with_noise(course: Course, errors: FixErrors) -> Course:
+    """Return the course with the errors that were found, in its events and in its start."""
+    times = [e.time for e in course.events if e.kind == "position" and not e.reason]
+    own = _OWN * max(1.0, 1.0 / float(np.median(np.diff(times))))
     made = [
-        _with_noise(e, errors) if e.kind == "position" and not (e.reason or e.resolved) else e
+        _with_noise(e, errors, own) if e.kind == "position" and not (e.reason or e.resolved) else e
         for e in course.events
     ]
     model = dataclasses.replace(course.model, fix_correlation=errors.correlation_s)
     start = course.start
     if start is not None and start[0].fix is not None:
         begun, old = start[0], start[0].fix
-        new = next(n for n, e in zip(made, course.events, strict=True) if e is old)
+        # By its time: a start may have been found with the same recording before it was degraded.
+        new = next((e for e in made if e.kind == old.kind and e.time == old.time), old)
         begun = dataclasses.replace(
             begun, fix=new, pos_cov_e=begun.pos_cov_e - old.cov_e + new.cov_e
         )
@@ -120,7 +125,7 @@ def _applied(course: Course, errors: FixErrors) -> Course:
     return dataclasses.replace(course, events=tuple(made), model=model, start=start)
 
 
-def _with_noise(event: GnssEvent, errors: FixErrors) -> GnssEvent:
+def _with_noise(event: GnssEvent, errors: FixErrors, least: float = _OWN) -> GnssEvent:
     """Return a position with the covariance that was found, and its shared part."""
     usual = np.array(errors.usual_n)
     if errors.meaning == ALLOWANCE:
@@ -129,7 +134,7 @@ def _with_noise(event: GnssEvent, errors: FixErrors) -> GnssEvent:
         C_en = C_en_of(event.value_e)
         usual_e = (C_en * usual) @ C_en.T
     W, U, C, D = parts(event.cov_e, usual_e, errors.meaning)
-    own = errors.scale**2 * max(1.0 - errors.share, _OWN) * U + D
+    own = errors.scale**2 * max(1.0 - errors.share, least) * U + D
     common = errors.scale**2 * errors.share * W + C
     shared = event.shared or errors.share > 0.0
     return dataclasses.replace(event, cov_e=own + common, shared=shared, shared_cov_e=common)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ....filters.earth import C_en_of
+from ....filters.earth import OMEGA_IE_E, C_en_of, gravity_e
 from ....filters.rotation import FloatArray
 from ....filters.sensors import ImuSpec
 from ....filters.strapdown import NavState
@@ -24,6 +24,7 @@ from .state import Start
 
 if TYPE_CHECKING:
     from ....alignment.in_motion.align import InertialAlignment
+    from ....alignment.in_motion.rows import DopplerEpoch
     from ....alignment.in_motion.waiting import MotionAligner
 
 #: Share of a window's information that a start at its beginning takes: 1σ is what 3σ was.
@@ -49,6 +50,8 @@ class CertifiedStart:
         GPS time of each attempt [s], and what it was waiting for or found.
     first_epoch : float or None
         GPS time of the first Doppler within the IMU data [s].
+    unplaced : bool
+        Whether there are no positions to wait for.
     """
 
     def __init__(
@@ -57,6 +60,7 @@ class CertifiedStart:
         self.fixes, self.config, self.imu, self.say = fixes, config, imu, say
         self.attempts: list[tuple[float, str]] = []
         self.first_epoch: float | None = None
+        self.unplaced = False
         self._aligner: MotionAligner | None = None
 
     def offer(self, event: GnssEvent) -> Start | None:
@@ -66,14 +70,16 @@ class CertifiedStart:
             return None
         if self._aligner is None:
             self._aligner, self.first_epoch = self._new_aligner(), epoch.time
+        self.unplaced |= epoch.assumed
         made = self._aligner.add(epoch)
         if made is None:
             return None
-        position = self.fixes.position
-        far = position is None or abs(position.time - epoch.time) > POSITION_NEAR
+        position = self.fixes.position or _assumed(epoch)
+        age = self.config.position_age_s
+        far = position is None or abs(position.time - epoch.time) > age
         message = made.message
         if made.passed and far:
-            message += f"; but no GNSS position within {POSITION_NEAR} s to start from"
+            message += f"; but no GNSS position within {age:g} s to start from"
         self.attempts.append((made.time, message))
         self.say(message)
         if not made.passed or far:
@@ -142,11 +148,14 @@ class CertifiedStart:
         attitude = found.initial_attitude()
         elapsed = found.time - position.time
         vel_antenna_e = found.vel_e + self.fixes.lever_velocity(attitude)
-        pos_e = position.value_e + vel_antenna_e * elapsed
+        moved_e, spread = vel_antenna_e * elapsed, 0.5 * _ACCELERATION * elapsed**2
+        if elapsed > POSITION_NEAR:
+            moved_e, spread = _moved(found, position.time)
+        pos_e = position.value_e + moved_e
         lever_e = attitude.C_eb @ self.fixes.calibration.lever_antenna_b
         state = NavState(found.time, pos_e - lever_e, found.vel_e, attitude.C_eb)
         vel_cov_e = found.cov[3:6, 3:6]
-        moved = vel_cov_e * elapsed**2 + np.eye(3) * (0.5 * _ACCELERATION * elapsed**2) ** 2
+        moved = vel_cov_e * elapsed**2 + np.eye(3) * spread**2
         start = Start(attitude, state, position.cov_e + moved, vel_cov_e, fix=position)
         return self._with_window(start, found, found.cov)
 
@@ -158,3 +167,30 @@ class CertifiedStart:
             start, accel_bias=found.accel_bias, certified=found, joint_cov=T @ joint_cov @ T.T,
             attempts=tuple(self.attempts),
         )  # fmt: skip
+
+
+def _moved(found: InertialAlignment, since: float) -> tuple[FloatArray, float]:
+    """Return how far the vehicle went from a time to the window's end [m], and 1σ per axis of it.
+
+    Within the window as the IMU has it, at the velocity of its end less what was gained on the way;
+    before it as far as the velocity at its beginning takes it, which may have been another.
+    """
+    time, end = found.track.time, found.time
+    back = (time - end)[:, None]
+    vel_e = found.vel_e + found.track.dv_w @ found.C_eb.T
+    vel_e += back * (gravity_e(found.pos_e) - 2.0 * np.cross(OMEGA_IE_E, found.vel_e))
+    before = max(float(time[0]) - since, 0.0)
+    grid = np.r_[max(since, float(time[0])), time[time > since]]
+    inside = np.column_stack([np.interp(grid, time, v) for v in vel_e.T])
+    way = np.trapezoid(inside, grid, axis=0) + vel_e[0] * before
+    # Between epochs the way is that of the mean velocity, but for what changes within a second.
+    curved = _ACCELERATION / 12.0 * float(np.sum(np.diff(grid) ** 2))
+    return way, 0.5 * _ACCELERATION * before**2 + curved
+
+
+def _assumed(epoch: DopplerEpoch) -> GnssEvent | None:
+    """Return the position that lines of sight were computed for, where there are no others."""
+    if not epoch.assumed:
+        return None
+    cov_e = epoch.position_sigma**2 * np.eye(3)
+    return GnssEvent(epoch.time, "position", epoch.pos_e, cov_e)

@@ -88,15 +88,15 @@ class StartFinder:
         self._last = event.time
         self._levelled.take(self._fixes.add(event))
         if self.method == "given":
-            return given_start(self._fixes, self.config)
+            return self._known(given_start(self._fixes, self.config))
         levelled = None
         if self.method != "certified" and self._fallback is None:
             levelled = self._levelled.offer(event.time)
         if self.method != "level+course":
             certified = self._certified.offer(event)
             if certified is not None:
-                return certified
-        self._fallback = self._fallback or levelled
+                return self._known(certified)
+        self._fallback = self._fallback or self._known(levelled)
         if self._fallback is None or self.method == "certified":
             return None
         if self._certified.first_epoch is None or event.time >= self._deadline:
@@ -114,6 +114,8 @@ class StartFinder:
         missing = [kind for kind, count in self._fixes.counts.items() if not count]
         if self.method == "certified":
             raise AlignmentError(self._certified.why_not())
+        if missing and self._certified.unplaced:
+            raise AlignmentError(self._certified.why_not())
         if missing:
             raise AlignmentError(
                 f"no usable GNSS {missing[0]}, so there is nothing to start from — `certnav check` "
@@ -124,12 +126,12 @@ class StartFinder:
                 f"no GNSS velocity with a position within {POSITION_NEAR} s inside the IMU data"
             )
         if self.method == "given":
-            given = given_start(self._fixes, self.config, agreeing=1)
+            given = self._known(given_start(self._fixes, self.config, agreeing=1))
             assert given is not None
             return given
         if self._fallback is None:
             try:
-                self._fallback = self._levelled.at_last()
+                self._fallback = replace(self._levelled.at_last(), known=self._last)
             except AlignmentError as error:
                 if not self.attempts:
                     raise
@@ -138,6 +140,10 @@ class StartFinder:
 
     def _say(self, waiting: str) -> None:
         self.waiting = waiting
+
+    def _known(self, start: Start | None) -> Start | None:
+        """Return a start that has just been found with the time at which it was."""
+        return None if start is None else replace(start, known=self._last)
 
     @property
     def _deadline(self) -> float:

@@ -43,6 +43,8 @@ class Start:
         GPS time of each certified attempt [s], and what was missing.
     fix : GnssEvent, optional
         Where the position is from: what is wrong with it is wrong with the ones that follow.
+    known : float
+        GPS time of the event at which it was found: nothing later has told of it [s].
     """
 
     attitude: InitialAttitude
@@ -54,6 +56,7 @@ class Start:
     joint_cov: FloatArray | None = None
     attempts: tuple[tuple[float, str], ...] = field(default=())
     fix: GnssEvent | None = None
+    known: float = float("nan")
 
     def report(self, began: float) -> AlignmentReport:
         """Return how it was found, for the result; `began` is the beginning of the data [s]."""

@@ -42,7 +42,8 @@ def between(doppler, first, last):
     turn = 7.2921151467e-5 * (doppler.time[first] - doppler.time[0])
     to_first = matrix_from_rotvec([0.0, 0.0, -turn])
     columns = {
-        name: getattr(doppler, name)[here] for name in ("source", "sat", "e_e", "z", "sigma")
+        name: getattr(doppler, name)[here]
+        for name in ("source", "sat", "e_e", "z", "sigma", "z_by_pos")
     }
     dv = doppler.gravity_dv[first : last + 1] - doppler.gravity_dv[first]
     return dataclasses.replace(
@@ -80,6 +81,20 @@ def test_identity_holds_wherever_the_window_is(drive, first, last):
     assert np.abs(residuals(simulation, inertial_rows(doppler), vel_w)).max() < 1.2e-5
     # Not vacuous: gravity alone is 300 m/s of what cancels.
     assert np.abs(vel_w).max() > 100.0
+
+
+def test_a_position_that_is_wrong_moves_rows_as_they_say_themselves():
+    """By lines of sight and by gravitation, 0.2 m/s; what is left is of the vehicle's own speed."""
+    simulation, stream, _ = exact_drive((0.0, 0.0, 0.0))
+    off, observations = np.array([1500.0, -2000.0, 1800.0]), simulation.observations
+    pos_e = simulation.trajectory.pos_e(observations.time)
+    doppler = inertial_doppler(observations, pos_e + off, position_sigma=500.0)
+    rows = inertial_rows(doppler)
+    vel_w = antenna_velocity(anchored(stream, doppler.time), np.zeros(3))
+    left = residuals(simulation, rows, vel_w)
+    assert np.abs(left).max() > 0.3
+    assert np.abs(left - rows.common @ off / 500.0).max() < 4e-3
+    assert inertial_rows(dataclasses.replace(doppler, position_sigma=0.0)).common.shape[1] == 0
 
 
 def test_epochs_joined_are_the_rows_of_all(drive):

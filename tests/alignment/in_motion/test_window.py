@@ -56,7 +56,9 @@ def written_out(solved):
         late = np.ones((k, 1))
     outer = window.vel_w[rows.epoch][:, :, None] * rows.e_e[:, None, :]
     design = np.column_stack([outer.reshape(k, 9), -stretch.z])
-    measured = np.hstack([rows.e_e, sensor, -late, design]) / stretch.sigma[:, None]
+    columns = [rows.e_e, sensor, rows.common, -late, design]
+    measured = np.hstack(columns) / stretch.sigma[:, None]
+    errors = np.concatenate([errors, np.ones(3)])  # of the position, in its own σ
     m = 3 + errors.size + len(held)
     believed = np.zeros((m, m + 10))
     believed[:, :m] = np.diag(np.concatenate([[1e-6] * 3, 1.0 / errors, held]))

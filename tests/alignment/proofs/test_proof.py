@@ -164,9 +164,11 @@ def test_a_proof_is_of_its_own_rows():
     [ClockModel(), ClockModel("linear"), ClockModel("per-epoch"), ClockModel("random-walk", 0.3)],
     ids=lambda clock: clock.kind,
 )
-def test_q_from_rows_in_integers_is_that_of_floating_point(clock, rng):
+@pytest.mark.parametrize("shared", [0, 2])
+def test_q_from_rows_in_integers_is_that_of_floating_point(clock, shared, rng):
     rows = simulate_window(rng, 5, sigma=0.1, clock_walk=0.1, clock_drift=300.0).rows
     rows = rows.take(rng.permutation(len(rows)))
+    rows = dataclasses.replace(rows, common=rng.normal(0.0, 0.2, (len(rows), shared)))
     prior = up_prior([0.0, 0.1, -1.0], np.eye(3), 0.03)
     problem = with_priors(build_problem(rows, clock, correlated=2.5), [prior])
     evidence = evidence_of(rows, clock, [prior], 2.5)

@@ -11,6 +11,7 @@ import pytest
 
 from certnav.datasets.gpstime import from_calendar
 from certnav.filters.earth import lla_to_ecef
+from certnav.filters.rotation import matrix_from_rpy
 from certnav.nav.check.axes import accelerometer, gyro
 from certnav.nav.check.motion import Inertial
 from certnav.nav.check.reference import time_offset as reference_offset
@@ -119,6 +120,11 @@ def test_mounting_angle_is_recovered(turn_deg):
     found = only(accelerometer(sensors(C), track()))
     assert found.severity == ("fatal" if abs(turn_deg) > 45 else "doubtful")
     assert found.numbers["turned_deg"] == pytest.approx(turn_deg, abs=1.0)
+    rpy = re.search(r"mounting_rpy_deg = \[(.*)\]", found.remedy)
+    assert rpy is not None
+    # As it is declared, x_v = R(rpy) x_b: forward in sensor axes comes out as forward.
+    R = matrix_from_rpy(np.radians([float(v) for v in rpy[1].split(",")]))
+    np.testing.assert_allclose(R @ C[:, 0], [1.0, 0.0, 0.0], atol=0.02)
 
 
 @pytest.mark.parametrize(

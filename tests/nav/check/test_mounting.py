@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from certnav.datasets.great.writer import simulate_folder
+from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.nav.check.mounting import mounting_findings
+from certnav.nav.check.mounting import mounting_findings, with_coarse_mounting
 from certnav.nav.check.recording import check, check_sequence
+from certnav.nav.config_files import from_tables
+from certnav.nav.pipeline import navigate
 
 TILTS = [(2.0, -3.0, 5.0), (-1.0, 2.0, -4.0), (0.5, 4.0, 1.0)]
 
@@ -92,3 +95,34 @@ def test_the_command_says_it_and_a_run_does_not_wait_for_it(tmp_path):
     late = check(folder)
     assert any(f.subject == "time, IMU and GNSS" for f in late.of("fatal"))
     assert not [f for f in late.findings if f.subject == "mounting"]
+
+
+def test_a_run_begins_where_an_imu_lies_that_nobody_has_declared():
+    made = simulate(
+        SimulationConfig(
+            seed=7, duration=180.0, density="open", mounting_rpy_deg=(4.0, -18.0, 35.0)
+        )
+    )
+    epochs = made.imu.time[0] + np.arange(1.0, 178.0)
+    lever, rng = made.calibration.lever_antenna_b, np.random.default_rng(4)
+    fixes = fixes_from_truth(made.trajectory, epochs, lever, 0.5, 0.05, rng)
+    sequence = dataclasses.replace(undeclared(made), observations=None, fixes=fixes)
+    measured, (note,) = with_coarse_mounting(sequence, check_sequence(sequence))
+    true = made.trajectory.C_bv
+    off = np.degrees(np.arccos(np.clip((measured.calibration.C_bv * true).sum(axis=0), -1.0, 1.0)))
+    assert off.max() < 2.0 * np.degrees(measured.calibration.mounting_sigma), off
+    assert "mounting not declared: measured" in note.text and "mounting_rpy_deg" in note.text
+    found = navigate(measured, from_tables({})).installation
+    assert found is not None and not found.off
+    miss = np.degrees(found.pitch_yaw) - declared_as(made)[::-1]
+    assert np.all(np.abs(miss) < 4.0 * np.degrees(found.pitch_yaw_sigma)), miss
+
+
+def test_what_is_square_or_declared_is_not_measured_coarsely(tilted):
+    sequence = undeclared(tilted)
+    findings = check_sequence(sequence)
+    assert with_coarse_mounting(sequence, findings) == (sequence, ())
+    C_bv = np.diag([-1.0, -1.0, 1.0])
+    declared = dataclasses.replace(sequence.calibration, C_bv=C_bv, mounting_source="the owner")
+    sequence = dataclasses.replace(sequence, calibration=declared)
+    assert with_coarse_mounting(sequence, findings) == (sequence, ())

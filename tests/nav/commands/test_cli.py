@@ -115,6 +115,16 @@ def test_only_one_format_and_the_same_numbers(drive, tmp_path, capsys):
         assert "--only" in said or "--format" in said
 
 
+def test_what_taught_nothing_is_said_and_its_result_stands(drive, tmp_path, capsys):
+    out, file = tmp_path / "result", tmp_path / "van.toml"
+    command = ["run", str(drive), "--out", str(out), "--only", "pos", "--set", "vehicle.nhc=off"]
+    assert main([*command, "--write-calibration", str(file)]) == 0
+    lines = capsys.readouterr().err.strip().splitlines()
+    (said,) = (line for line in lines if not line.endswith(" left"))  # progress of a slow machine
+    assert "van.toml not written" in said and "nothing was learned" in said
+    assert not file.exists() and (out / "solution.pos").exists()
+
+
 def test_rinex_comes_from_the_cache_and_gives_the_same_solution(drive, tmp_path, monkeypatch):
     from certnav.datasets.rtklib import observations
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from certnav.datasets import loading, placing
+from certnav.datasets import placing
 from certnav.datasets.great import writer
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.nav.commands import compare as compare_command
+from certnav.nav.commands import navigation
 from certnav.nav.compare import comparison
 from certnav.nav.compare import report as compare_report
 from certnav.nav.compare.runs import Comparison, Run
@@ -40,7 +42,8 @@ def compare(monkeypatch):
         return Comparison((Run("lc4", "drive", "@0", reason="not tried"),), {}, "60/180")
 
     monkeypatch.setattr(comparison, "compare", compared)
-    monkeypatch.setattr(loading, "load", lambda *_, **__: None)
+    undated = SimpleNamespace(time_scale="relative")
+    monkeypatch.setattr(navigation, "checked_load", lambda *_, **__: undated)
     parser = argparse.ArgumentParser()
     compare_command.add_arguments(parser)
     return lambda out: compare_command.run(parser.parse_args(["drive", "--out", str(out)]))
@@ -50,8 +53,9 @@ def compare(monkeypatch):
 def tune():
     score = Score(np.ones((2, 2)), np.ones((2, 2)), np.ones((2, 2)), 1)
     tuning = Tuning(
-        "velocity", np.array([30.0, 40.0]), np.array([0.1, 0.2]), score, {"drive": score},
-        Screening(30.0, min_k=0.1), pareto_front(score), (), "time blocks", 1.0, 1.0, 0.4, {}, {},
+        np.array([30.0, 40.0]), np.array([0.1, 0.2]), score, {"drive": score},
+        Screening(30.0, min_k=0.1), "the error decided", None, pareto_front(score), (),
+        "time blocks", 1.0, 1.0, 0.4, {}, {},
     )  # fmt: skip
     return lambda out: tune_report.write_tuning(tuning, out)
 
@@ -98,3 +102,10 @@ def test_a_failure_leaves_the_earlier_directory_whole(
     write(out)
     assert everything(tmp_path) != before
     assert [path.name for path in tmp_path.iterdir()] == [command]
+
+
+@pytest.mark.parametrize("command", ["allan", "declare", "align", "navigation", "verify", "tune"])
+def test_no_command_writes_a_file_piece_by_piece(command):
+    """Killed on the way, it would leave half of it: files go through `placing.write_file`."""
+    source = (Path(directory.__file__).parents[1] / "commands" / f"{command}.py").read_text()
+    assert "write_text(" not in source and "write_bytes(" not in source

@@ -94,9 +94,22 @@ def test_held_positions_drift_by_the_way_driven(comparison):
     assert run.availability < 0.75
 
 
-def test_what_is_not_available_says_why(comparison):
-    found = as_dict(comparison)["methods"]["alignment-heading"]
-    assert found["runs"] == 0 and "odometer" in found["not_available"][0]
+def test_window_headings_need_no_odometer(comparison):
+    found = as_dict(comparison)["methods"]["alignment-heading"]["alignment_windows"]
+    assert found["passed"] > 0 and found["largest_passed_deg"] < 5.0
+
+
+def test_what_is_not_available_says_why():
+    drive = dataclasses.replace(_drive(), observations=None)
+    found = compare(
+        [drive], parse_methods("certified-only,alignment-heading,lc4"), parse_outages("38/74"),
+        Config(),
+    )  # fmt: skip
+    methods = as_dict(found)["methods"]
+    assert methods["lc4"]["runs"] == 1
+    for name, said in (("certified-only", "raw Doppler"), ("alignment-heading", "raw Doppler")):
+        assert methods[name]["runs"] == 0 and said in methods[name]["not_available"][0]
+    assert "certified-only is not available on made@0" in build_page(found)
 
 
 def test_exact_data_drift_nowhere():

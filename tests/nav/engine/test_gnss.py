@@ -11,6 +11,7 @@ from certnav.filters.earth import SPEED_OF_LIGHT
 from certnav.filters.errors import ConfigError
 from certnav.nav.config_files import from_tables
 from certnav.nav.engine.gnss import gnss_timeline
+from certnav.nav.notes import Note
 from certnav.velocity.range_rate import line_of_sight
 from oracles import rigs
 
@@ -217,7 +218,7 @@ def test_relative_positions_get_only_what_a_fix_vouches_for(single, monkeypatch)
 
     def fake(events, screened, given, config):
         seen["screened"] = screened
-        return events, "RTK: so and so"
+        return events, "figures", (Note("note", "RTK: so and so"),)
 
     monkeypatch.setattr("certnav.nav.engine.gnss.with_relative_positions", fake)
     single([10.0, 12.0], rejected=[2], failed=[(11.0, "3 satellites")])
@@ -229,7 +230,7 @@ def test_relative_positions_get_only_what_a_fix_vouches_for(single, monkeypatch)
     assert rejected[0] == ["", "", lost, "", "weak signal", "", "", ""]
     assert rejected[1] == [lost] * 4 + ["weak signal"] + [lost] * 3
     assert rejected[2] == ["", "", "", "", "weak signal", "", "", ""]
-    assert found.notes[-1].text == "RTK: so and so"
+    assert found.notes[-1].text == "RTK: so and so" and found.resolution == "figures"
     assert lost not in found.observations.rejected  # its Doppler is as good as any
 
 
@@ -332,3 +333,46 @@ def test_doppler_without_any_position_is_refused(single):
         gnss_timeline(rigs.recording(only(ALL)), gnss())
     with pytest.raises(ConfigError, match="needs an approximate position"):
         gnss_timeline(rigs.recording(only(ALL), navigation=()), gnss())
+
+
+def test_constellations_that_are_not_asked_for_take_no_part(single):
+    sky = rigs.sky(time=10.0)
+    mixed = sky.with_columns(sat=np.where(np.arange(8) < 2, "E0" + np.char.mod("%d", np.arange(8)),
+                                          sky.sat))  # fmt: skip
+    single([10.0])
+    found = gnss_timeline(rigs.recording(mixed), gnss(systems="G"))
+    assert list(found.observations.rejected[:3]) == ["constellation not asked for"] * 2 + [""]
+    assert not gnss_timeline(rigs.recording(mixed), gnss()).observations.rejected[0]
+    with pytest.raises(ConfigError, match=r"gnss\.systems: found 'C', and the recording has E, G"):
+        gnss_timeline(rigs.recording(mixed), gnss(systems="C"))
+
+
+def mixed(times, offset=0.0, few=0):
+    """Return a sky of GPS and Galileo, Galileo's range rates off by `offset`; first `few` of it."""
+    o = epochs_of(times)
+    names = np.array([*("G01", "G02", "G03", "G04", "G05"), *("E06", "E07", "E08")])
+    sat = np.tile(names, len(times))
+    rate = o.range_rate + offset * np.char.startswith(sat, "E")
+    o = o.with_columns(sat=sat, range_rate=rate)
+    keep = np.tile(np.isin(np.arange(8), [0, 5, 6][:few] if few else np.arange(8)), len(times))
+    return o.take(keep)
+
+
+def test_a_constellation_with_another_drift_is_refused_with_the_reason(single):
+    times = 10.0 + np.arange(30.0)
+    for offset, refused in ((0.0, False), (0.8, True)):
+        single(times)
+        found = gnss_timeline(rigs.recording(mixed(times, offset)), gnss())
+        marked = found.observations.rejected == "constellation's Doppler disagrees"
+        assert marked.sum() == (3 * 30 if refused else 0)
+        said = [n.text for n in found.notes if n.doubtful]
+        assert bool(said) is refused and all("Galileo: its Doppler has another" in t for t in said)
+        (first, *_) = of_kind(found, "velocity")
+        assert set(np.char.array(first.satellites).astype("U1")) == set("G" if refused else "GE")
+
+
+def test_three_satellites_of_any_mixture_are_rows(single):
+    single([10.0])
+    found = gnss_timeline(rigs.recording(mixed([10.0], few=3)), gnss())
+    (offered,) = of_kind(found, "doppler")
+    assert offered.satellites == ("G01", "E06", "E07") and len(offered.observations) == 3

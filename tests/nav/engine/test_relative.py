@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
 
 import numpy as np
@@ -20,6 +21,8 @@ from certnav.nav.config_files import from_tables, load_config, to_toml
 from certnav.nav.engine.gnss import gnss_timeline
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate
+from certnav.nav.report.run import build_report
+from certnav.nav.results.directory import read_result
 
 CONFIG = SimulationConfig(duration=150.0, seed=3, density="open", base_distance_m=3000.0)
 
@@ -126,7 +129,15 @@ def test_great_end_to_end_from_the_command_line(folder, tmp_path, capsys):
     written = load_config(tmp_path / "out" / "config.toml")
     assert written.data["lever"] == "figure" and written.data["week"] == 2129
     assert written.gnss.position == "rtk"
+    result = read_result(tmp_path / "out")
+    resolution = result.solution.resolution
+    shares = json.loads((tmp_path / "out/summary.json").read_text())["rtk"]
+    assert resolution.fixed == shares["fixed"] > 0.5 * resolution.floating > 0
+    assert resolution.ratio_median > 3.0 and resolution.systems == "G"
+    page = build_report(result)
+    assert "Positions relative to the base station" in page and f">{resolution.fixed}<" in page
 
+    capsys.readouterr()
     assert main(["run", str(home), "--great", "urban-02"]) == 1
     error = capsys.readouterr().err
     assert "urban-02: lever arm" in error and "data.lever" in error and error.count("\n") == 1

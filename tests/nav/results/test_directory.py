@@ -101,7 +101,8 @@ def test_summary_has_its_keys_and_is_strict(written):
     summary = json.loads((out / "summary.json").read_text(), parse_constant=pytest.fail)
     wanted = (
         "name status certnav_version duration_s imu_samples epochs alignment installation errors "
-        "reference consistency position_noise updates timing sensors notes"
+        "reference consistency position_noise rtk protection separation updates timing sensors "
+        "notes"
     )
     assert list(summary) == wanted.split()
     usable = solution.epochs.usable

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from certnav.alignment.problem import ClockModel
 from certnav.alignment.reference.simulation import simulate_window
@@ -122,10 +123,44 @@ def test_mistakes_are_named(exact):
         WindowOptions(phase="on")
     with pytest.raises(ConfigError, match="level"):
         WindowOptions(level_deg=0.0)
-    with pytest.raises(AlignmentError, match="no odometer"):
-        align_windows(dataclasses.replace(exact, odometer=None), WindowOptions())
+    alone = dataclasses.replace(exact, odometer=None)
+    with pytest.raises(AlignmentError, match="neither odometer nor IMU"):
+        align_windows(dataclasses.replace(alone, imu=None), WindowOptions())
+    for asked in ({"method": "voba"}, {"noise": "fitted"}, {"level_deg": 2.0}):
+        with pytest.raises(ConfigError, match="needs an odometer"):
+            align_windows(alone, WindowOptions(**asked))
     with pytest.raises(AlignmentError, match="less than one window"):
         align_windows(exact, WindowOptions(window=500.0))
+
+
+@pytest.mark.parametrize("turned", [0.0, 120.0])
+def test_the_imu_alone_gives_the_heading_too(exact, turned):
+    """However the IMU sits in the vehicle: the heading is the vehicle's, the error its own."""
+    C_bv = Rotation.from_euler("z", -turned, degrees=True).as_matrix()
+    alone = dataclasses.replace(exact, odometer=None)
+    if turned:
+        imu, calibration = exact.imu, exact.calibration
+        alone = dataclasses.replace(
+            alone,
+            imu=dataclasses.replace(
+                imu, gyro_b=imu.gyro_b @ C_bv.T, accel_b=imu.accel_b @ C_bv.T
+            ),
+            calibration=dataclasses.replace(
+                calibration, C_bv=C_bv @ calibration.C_bv,
+                lever_antenna_b=C_bv @ calibration.lever_antenna_b,
+                lever_vehicle_b=C_bv @ calibration.lever_vehicle_b,
+            ),
+            reference=dataclasses.replace(exact.reference, attitude_frame="v"),
+        )  # fmt: skip
+    passed = [r for r in align_windows(alone, WindowOptions(window=20.0, step=5.0)) if r.passed]
+    assert len(passed) >= 4
+    assert all(abs(r.error) < min(r.bound, 4.0 * r.sigma_heading) for r in passed)
+    assert np.degrees(np.median([abs(r.error) for r in passed])) < 1.0
+    reference = alone.reference
+    for r in passed:
+        near = int(np.argmin(np.abs(reference.time - r.start)))
+        off = np.angle(np.exp(1j * (r.heading - reference.rpy[near, 2])))
+        assert abs(np.degrees(off)) < 6.0  # within half an epoch of a turn
 
 
 def test_command_prints_table_and_json(data_dir, tmp_path, capsys):
@@ -138,7 +173,7 @@ def test_command_prints_table_and_json(data_dir, tmp_path, capsys):
     result = json.loads(capsys.readouterr().out)
     assert len(result["windows"]) == 9
     assert {"heading_deg", "error_deg", "status", "chi2_per_dof"} <= set(result["windows"][0])
-    assert result["noise"]["source"] == "assumed"
+    assert result["noise"]["source"] == "fitted" and result["level_deg"] == 2.0
 
 
 def test_level_vehicle_and_fitted_noise_find_the_heading(exact):
@@ -211,7 +246,7 @@ def test_proofs_are_written_verified_and_refused_when_tampered_with(data_dir, tm
     path, proof = str(data_dir / "smartloc-berlin1"), tmp_path / "proof.json"
     assert main(["align", path, "--step", "20", "--proof", str(proof)]) == 0
     table = capsys.readouterr().out
-    assert "OUABCK" in table and "Doppler σ assumed" in table
+    assert "OUABCK" in table and "Doppler σ fitted" in table
     assert main(["verify", str(proof)]) == 0
     assert "3 of 3 proofs hold" in capsys.readouterr().out
     assert main(["verify", str(proof), "--rows", path]) == 0

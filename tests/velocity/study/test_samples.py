@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from certnav.velocity.doppler_noise import fit_doppler_noise, reference_residual
 from certnav.velocity.study.below_four import few_satellites
 from certnav.velocity.study.samples import reference_samples
 from certnav.velocity.study.tables import concatenated, describe, pair_table
-from certnav.velocity.study.unaided import drift_effect
+from certnav.velocity.study.unaided import outages, over_outages
 
 
 @pytest.fixture(scope="module")
@@ -89,16 +91,54 @@ def test_exact_simulation_has_no_error_but_the_derivatives_rounding():
     assert (by_attitude.error * by_attitude.k)[by_attitude.k > 0.05].max() < 1e-4
 
 
-def test_inertial_attitude_costs_centimetres_per_second_in_200_s():
-    sim = simulate(SimulationConfig(duration=280.0, seed=1, density="suburb"))
-    start = sim.reference.time[0] + 65.0
-    found = drift_effect(sim.sequence(), start)
-    assert found.duration == 200.0
-    assert np.degrees(np.abs(found.rpy_end)).max() < 1.5
-    assert 0.001 < found.figures["rms_difference_mps"] < 0.15
-    assert found.figures["pairs"] > 1000
-    with pytest.raises(DataError, match="choose another start"):
-        drift_effect(sim.sequence(), start + 30.0)
+@pytest.fixture(scope="module")
+def suburb():
+    sim = simulate(SimulationConfig(duration=300.0, seed=1, density="suburb"))
+    return sim, sim.sequence()
+
+
+def test_inertial_attitude_costs_centimetres_per_second_in_200_epochs(suburb):
+    sequence = suburb[1]
+    (outage,) = outages(sequence)
+    figures = over_outages([outage])
+    assert figures["epochs"] == outage.time.size <= 200
+    assert outage.time[0] - outage.start == pytest.approx(1.0)
+    assert outage.time[-1] - outage.start <= 200.0
+    assert figures["pairs"] > 1000
+    for axis in "xyz":
+        assert 0.001 < figures[f"{axis}_rms_mps"] < 0.15
+    assert 0.0 < figures["yaw_rms_deg"] < 1.0
+    shorter = outages(sequence, epochs=100)
+    assert len(shorter) == 2
+    assert shorter[1].start - shorter[0].start == pytest.approx(100.0)
+    with pytest.raises(DataError, match=r"need 310 s .* found 300 s"):
+        outages(sequence, epochs=300)
+
+
+def test_attitude_is_calibrated_by_what_came_before_alone(suburb):
+    """A bias that begins with the outage is not learned; one that was there before is."""
+    sequence = suburb[1]
+    (outage,) = outages(sequence)
+    bias = np.radians([0.0, 0.0, 0.02])  # 4° in 200 s
+    imu = sequence.imu
+
+    def yaw_at_the_end(begins):
+        gyro_b = imu.gyro_b + bias * (imu.time > begins)[:, None]
+        turned = dataclasses.replace(imu, gyro_b=gyro_b)
+        (found,) = outages(dataclasses.replace(sequence, imu=turned))
+        return np.degrees(found.rpy_error[-1, 2])
+
+    clean = np.degrees(outage.rpy_error[-1, 2])
+    assert yaw_at_the_end(-np.inf) == pytest.approx(clean, abs=0.02)
+    assert yaw_at_the_end(outage.start) == pytest.approx(clean + 4.0, abs=0.2)
+
+
+def test_without_sensor_errors_either_attitude_gives_the_same_velocities(suburb):
+    config = dataclasses.replace(suburb[0].config, noise=False, atmosphere=False)
+    (outage,), (ideal,) = outages(suburb[1]), outages(simulate(config).sequence())
+    assert np.degrees(np.abs(ideal.rpy_error)).max() < 0.02
+    small, usual = (np.sqrt(np.mean(o.difference_e**2)) for o in (ideal, outage))
+    assert small < 0.2 * usual
 
 
 def test_between_keeps_rows_with_their_epochs(comma):

@@ -7,7 +7,6 @@ import pytest
 from scipy.stats import pearsonr, spearmanr
 
 from certnav.velocity.study.statistics import (
-    attitude_effect,
     binned_rms,
     heat_map,
     pearson,
@@ -73,14 +72,3 @@ def test_correlation_with_nothing_is_not_a_number():
     assert np.isnan(pearson(np.ones(5), np.arange(5.0)))
     assert np.isnan(spearman([np.nan, 1.0], [1.0, 2.0]))
     assert spearman([1.0, 2.0, np.nan, 3.0], [1.0, 4.0, 0.0, 9.0]) == pytest.approx(1.0)
-
-
-def test_attitude_effect_compares_the_same_pairs():
-    reference = np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 5.0, 0.1])
-    imu = reference + 0.02
-    k = np.r_[np.full(12, 0.5), 0.01]
-    found = attitude_effect(reference, imu, k)
-    assert found["pairs"] == 11
-    assert found["rms_reference_mps"] == pytest.approx(0.1)
-    assert found["rms_imu_mps"] == pytest.approx(0.12)
-    assert found["rms_difference_mps"] == pytest.approx(0.02)

@@ -15,7 +15,7 @@ from certnav.nav.config import Config
 from certnav.nav.config_files import from_tables
 from certnav.nav.engine.events import GnssEvent
 from certnav.nav.engine.fix_noise.estimate import STEADY
-from certnav.nav.engine.fix_noise.fitted import _applied
+from certnav.nav.engine.fix_noise.fitted import with_noise
 from certnav.nav.engine.fix_noise.loose import loose_pass
 from certnav.nav.engine.gnss import gnss_timeline
 from certnav.nav.engine.legs import Course, found_start
@@ -88,7 +88,7 @@ def test_the_start_gets_the_noise_of_its_position():
         (start, 0.25),
     )  # fmt: skip
     found = FixErrors(0.5, 0.8, 33.0, STEADY, (4.0, 4.0, 4.0), 50.0, 0.1)
-    made = _applied(course, found)
+    made = with_noise(course, found)
     assert made.model.fix_correlation == 33.0
     begun, spent = made.start
     assert spent == 0.25 and begun.fix is made.events[0]

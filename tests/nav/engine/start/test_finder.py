@@ -48,8 +48,8 @@ class Levelled:
 class Certified:
     """The same; its first Doppler is at `first`."""
 
-    def __init__(self, at=np.inf, first=0.0):
-        self.at, self.first_epoch, self.attempts = at, first, []
+    def __init__(self, at=np.inf, first=0.0, unplaced=False):
+        self.at, self.first_epoch, self.attempts, self.unplaced = at, first, [], unplaced
         self.made = a_start("certified")
 
     def offer(self, event):
@@ -195,6 +195,7 @@ def test_why_there_is_no_attitude():
         (finder(), (), "no usable GNSS position"),
         (finder(), both[:1], "no usable GNSS velocity"),
         (finder(), both[1:], "no usable GNSS position"),
+        (finder(certified=Certified(unplaced=True)), both[1:], "not certified: because"),
         (finder(), (missing(1.0, "position", "no fix"), both[1]), "no usable GNSS position"),
         (finder(), (position(1.0), velocity(9.0)), "no GNSS velocity with a position within 2.5 s"),
         (finder(Levelled(fails="too slow")), both, "too slow; not certified: because"),

@@ -3,7 +3,7 @@
 import os
 
 from certnav.nav.commands.cli import main
-from certnav.nav.commands.progress import QUIET, LineProgress, progress
+from certnav.nav.commands.terminal.progress import QUIET, LineProgress, progress
 
 
 class Clock:

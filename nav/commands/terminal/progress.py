@@ -81,8 +81,8 @@ def announce_kernels() -> None:
     """Say on standard error if the filter has to be compiled first, or cannot be."""
     if os.environ.get(QUIET):
         return
-    from ...filters.compiled import kernels
-    from ...filters.compiled.jit import notice
+    from ....filters.compiled import kernels
+    from ....filters.compiled.jit import notice
 
     if line := notice(kernels.advance):
         print(f"certnav: {line}", file=sys.stderr, flush=True)

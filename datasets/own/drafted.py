@@ -1,0 +1,61 @@
+"""The declaration of a receiver's and an IMU's file named on the command line, or its draft."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...filters.errors import ConfigError, DataError
+from ..placing import write_file
+from .declaration import BLANK, read_declaration
+from .declare import draft_declaration
+
+
+def declaration_of(log: Path, imu: Path) -> Path:
+    """Return the declaration of a drive whose files are named one by one: ``LOG.toml`` beside it.
+
+    Where there is none it is drafted, and what only the user can know is asked.
+
+    Parameters
+    ----------
+    log : Path
+        RINEX observations or a receiver's log.
+    imu : Path
+
+    Raises
+    ------
+    DataError
+        A missing file.
+    ConfigError
+        A draft has been written whose blanks have to be filled in; or the declaration that is
+        there is of other files.
+    """
+    for file in (log, imu):
+        if not file.is_file():
+            raise DataError("file not found", file=file, remedy="check the name")
+    file = log.with_name(f"{log.name.partition('.')[0]}.toml")
+    if not file.exists():
+        draft = draft_declaration([log, imu])
+        try:
+            write_file(file, draft.encode())
+        except OSError as error:
+            raise DataError(
+                f"the draft of a declaration cannot be written: {error.strerror}",
+                file=file,
+                remedy="certnav declare --out writes it elsewhere; then certnav run THAT.toml",
+            ) from None
+        blanks = draft.count(f'= "{BLANK}"')
+        raise ConfigError(
+            f"{file}: drafted for {log.name} and {imu.name}; {blanks} answers that only you know "
+            f'are still "{BLANK}" — fill them in, and give the same command again'
+        )
+    declared = read_declaration(file)
+    for section, key, given in (("rinex", "observations", log), ("imu", "file", imu)):
+        values = declared.sections[section].values if section in declared.sections else {}
+        name = values.get(key)
+        if not isinstance(name, str) or (file.parent / name).resolve() != given.resolve():
+            raise ConfigError(
+                f"{file}: [{section}] {key}: expected {given}, found {name!r} — move this "
+                "declaration away for a draft of the files you named, or leave --imu out and name "
+                "it instead of them"
+            )
+    return file

@@ -1,0 +1,254 @@
+"""The satellites of a run: sky, signal strength, use and reasons, residuals, geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+from bokeh.models import ColumnDataSource, FactorRange, HoverTool, Label, Range1d
+from bokeh.plotting import figure
+
+from ...filters.rotation import FloatArray
+from ..page.board import Board, look
+from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
+from ..signals import UNUSED, Signals
+from .coverage import thin
+
+#: One colour a system; what is not named is grey.
+_SYSTEMS = {"G": BLUE, "R": VERMILLION, "E": GREEN, "C": ORANGE, "J": SKY}
+_NAMES = {"G": "GPS", "R": "GLONASS", "E": "Galileo", "C": "BeiDou", "J": "QZSS"}
+#: What became of a row: used, refused by the filter, refused by the screening before it.
+_FATES = (("used", BLUE), ("not used by the filter", ORANGE), ("screened out", GREY))
+
+
+class Sky:
+    """The panels of a run's satellite signals; on the board of its page.
+
+    Every method returns rows of plots for `Board.place`.
+    """
+
+    def __init__(self, signals: Signals, board: Board) -> None:
+        self.signals, self.board = signals, board
+        self.t = signals.time - board.start
+        self.satellites = sorted(set(signals.sat.tolist()))
+        self.fate = np.where(signals.reason == "", 0, np.where(signals.reason == UNUSED, 1, 2))
+
+    def use(self) -> list[list[figure]]:
+        """Draw when each satellite was used, and why not."""
+        plot = self.board.panel(
+            "",
+            "Satellites: when used, and why not",
+            height=70 + 15 * len(self.satellites),
+            y_range=FactorRange(*reversed(self.satellites)),
+        )
+        plot.yaxis.major_label_text_font_size = "10px"
+        bars = [bar for sat in self.satellites for bar in self._bars(sat)]
+        for code, (name, colour) in enumerate(_FATES):
+            chosen = [bar for bar in bars if bar[4] == code]
+            if chosen:
+                sat, left, right, why, _ = zip(*chosen, strict=True)
+                source = ColumnDataSource({"sat": sat, "left": left, "right": right, "why": why})
+                drawn = plot.hbar("sat", 0.7, "right", "left", source=source, color=colour)
+                self.board.legend(plot, name, [drawn])
+                plot.add_tools(
+                    HoverTool(
+                        renderers=[drawn],
+                        visible=False,
+                        tooltips=[
+                            ("@sat", "@left{0.0} … @right{0.0} s since start"),
+                            (name, "@why"),
+                        ],
+                    )
+                )
+        return [[plot]]
+
+    def strength(self) -> list[list[figure]]:
+        """Draw C/N0 over time."""
+        if not np.isfinite(self.signals.cn0).any():
+            return []
+        plot = self.board.panel("C/N0 [dB-Hz]", "Signal strength", height=220)
+        self._by_system(plot, self.signals.cn0, "C/N0", "dB-Hz", np.arange(len(self.signals)))
+        return [[plot]]
+
+    def residuals(self) -> list[list[figure]]:
+        """Draw residuals of the range rates that were used, and of those that were not."""
+        known = np.isfinite(self.signals.residual)
+        rows = []
+        for title, chosen in (
+            ("Range-rate residuals of signals that were used", known & (self.fate == 0)),
+            ("… and of those that were not (beyond ±5 m/s at the edge)", known & (self.fate > 0)),
+        ):
+            if chosen.any():
+                plot = self.board.panel("residual [m/s]", title)
+                value = np.clip(self.signals.residual, -5.0, 5.0)
+                self._by_system(plot, value, "residual", "m/s", np.flatnonzero(chosen))
+                rows.append([plot])
+        return rows
+
+    def dilution(self) -> list[list[figure]]:
+        """Draw the dilution of precision of the satellites that were used, horizontal and up."""
+        t, dop = _dilution(self.signals.take(self.fate == 0))
+        if t.size < 2:
+            return []
+        plot = self.board.panel("DOP [1]", "Dilution of precision of the signals used")
+        t = t - self.board.start
+        for k, (name, colour) in enumerate((("horizontal", BLUE), ("vertical", ORANGE))):
+            keep = thin(dop[:, k], 1500)
+            cut = np.flatnonzero(np.diff(t[keep], prepend=t[0]) > 5.0 * np.median(np.diff(t)))
+            self.board.line(plot, t[keep], dop[keep, k], colour, name, cut=cut)
+        top = float(np.percentile(dop, 90.0))
+        plot.y_range = Range1d(0.0, min(max(2.0, 1.3 * top), 30.0))
+        return [[plot]]
+
+    def plot(self) -> list[list[figure]]:
+        """Draw where the satellites stood, zenith in the middle, north up."""
+        known = np.isfinite(self.signals.elevation) & np.isfinite(self.signals.azimuth)
+        if not known.any():
+            return []
+        plot = figure(
+            width=350,
+            height=372,
+            tools="",
+            toolbar_location=None,
+            title="Sky plot",
+            x_range=Range1d(-104, 104),
+            y_range=Range1d(-104, 104),
+        )
+        look(plot)
+        plot.axis.visible = plot.grid.visible = False
+        for elevation in (0, 30, 60):
+            plot.circle(0, 0, radius=90 - elevation, fill_color=None, line_color="#C9CED6")
+            plot.add_layout(
+                Label(
+                    x=2,
+                    y=90 - elevation,
+                    text=f"{elevation}°",
+                    text_font_size="11px",
+                    text_color=INK,
+                )
+            )
+        for name, x, y in (("N", 0, 96), ("E", 97, 0), ("S", 0, -97), ("W", -97, 0)):
+            plot.add_layout(
+                Label(
+                    x=x,
+                    y=y,
+                    text=name,
+                    text_align="center",
+                    text_baseline="middle",
+                    text_font_size="12px",
+                    text_color=INK,
+                )
+            )
+        for sat in self.satellites:
+            self._path(plot, sat, np.flatnonzero((self.signals.sat == sat) & known))
+        return [[plot]]
+
+    def _path(self, plot: figure, sat: str, rows: np.ndarray) -> None:
+        if not rows.size:
+            return
+        rows = rows[:: -(-rows.size // 100)]
+        away = 90.0 - np.rad2deg(self.signals.elevation[rows])
+        x, y = away * np.sin(self.signals.azimuth[rows]), away * np.cos(self.signals.azimuth[rows])
+        colour = _SYSTEMS.get(sat[0], GREY)
+        plot.line(x, y, color=colour, line_width=2, alpha=0.6)
+        share = 100.0 * float(np.mean(self.fate[self.signals.sat == sat] == 0))
+        source = ColumnDataSource({"x": x[-1:], "y": y[-1:], "sat": [sat], "share": [share]})
+        drawn = plot.scatter(
+            "x", "y", source=source, size=15, fill_color="white", line_color=colour, line_width=2
+        )
+        plot.text(
+            "x",
+            "y",
+            text="sat",
+            source=source,
+            text_font_size="9px",
+            text_align="center",
+            text_baseline="middle",
+            text_color=INK,
+        )
+        plot.add_tools(
+            HoverTool(
+                renderers=[drawn],
+                visible=False,
+                tooltips=[("@sat", "used @share{0} % of its epochs")],
+            )
+        )
+
+    def _bars(self, sat: str) -> list[tuple[str, float, float, str, int]]:
+        """Return the stretches of one satellite in which the same became of it."""
+        rows = np.flatnonzero(self.signals.sat == sat)
+        # Of several signals at an epoch the one that was used, or was refused last, speaks.
+        rows = rows[np.lexsort((self.fate[rows], self.t[rows]))]
+        rows = rows[np.diff(self.t[rows], prepend=-np.inf) > 0]
+        step = np.diff(self.t[rows])
+        usual = float(np.median(step)) if step.size else 1.0
+        reason = self.signals.reason[rows]
+        new = (step > 1.5 * usual) | (reason[1:] != reason[:-1])
+        first = np.r_[0, np.flatnonzero(new) + 1]
+        last = np.r_[first[1:] - 1, rows.size - 1]
+        return [
+            (
+                sat,
+                float(self.t[rows[a]]) - usual / 2,
+                float(self.t[rows[b]]) + usual / 2,
+                str(reason[a]) or "used",
+                int(self.fate[rows[a]]),
+            )
+            for a, b in zip(first, last, strict=True)
+        ]
+
+    def _by_system(
+        self, plot: figure, value: FloatArray, name: str, unit: str, rows: np.ndarray
+    ) -> None:
+        """Scatter a value of each signal over time, extremes kept, one colour a system."""
+        for system in sorted({sat[0] for sat in self.satellites}):
+            of = rows[np.char.startswith(self.signals.sat[rows], system)]
+            of = of[np.isfinite(value[of])]
+            if not of.size:
+                continue
+            keep = of[thin(value[of], 3000)]
+            source = ColumnDataSource(
+                {
+                    "t": self.t[keep],
+                    "y": value[keep].astype("f4"),
+                    "sat": self.signals.sat[keep].tolist(),
+                }
+            )
+            drawn = plot.scatter(
+                "t", "y", source=source, size=3, color=_SYSTEMS.get(system, GREY), alpha=0.7
+            )
+            self.board.legend(plot, _NAMES.get(system, system), [drawn])
+            plot.add_tools(
+                HoverTool(
+                    renderers=[drawn],
+                    visible=False,
+                    tooltips=[
+                        ("@sat", f"@y{{0.00}} {unit} ({name})"),
+                        ("", "@t{0.0} s since start"),
+                    ],
+                )
+            )
+
+
+def _dilution(signals: Signals) -> tuple[FloatArray, FloatArray]:
+    """Return the times of epochs of four satellites or more, and horizontal and vertical DOP."""
+    known = signals.take(np.isfinite(signals.elevation) & np.isfinite(signals.azimuth))
+    _, one = np.unique(
+        np.char.add(np.char.mod("%.3f", known.time), known.sat), return_index=True
+    )  # one signal a satellite
+    known = known.take(np.sort(one))
+    if not len(known):
+        return np.zeros(0), np.zeros((0, 2))
+    times, first = np.unique(known.time, return_index=True)
+    found = []
+    for time, a, b in zip(times, first, np.r_[first[1:], len(known)], strict=True):
+        if b - a < 4:
+            continue
+        el, az = known.elevation[a:b], known.azimuth[a:b]
+        G = np.column_stack(
+            [np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el), np.ones(b - a)]
+        )
+        normal = G.T @ G
+        if np.linalg.cond(normal) < 1e9:
+            q = np.diag(np.linalg.inv(normal))
+            found.append((time, np.sqrt(q[0] + q[1]), np.sqrt(q[2])))
+    table = np.array(found).reshape(-1, 3)
+    return table[:, 0], table[:, 1:]

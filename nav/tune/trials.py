@@ -1,0 +1,301 @@
+"""Candidates judged by the filter: whole runs, on the recording as it is and with GNSS made weak.
+
+Both halves of the judgement are against the reference, at the epochs the default has a solution
+for: the horizontal error block by block of the recording as it is, and the drift of every spell
+in which a few satellites are left. Weights are never judged on what they were fitted to: in the
+first half of a recording they are those fitted to the second, and the other way round; where there
+are three recordings or more, those fitted to the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...datasets.loading import load
+from ...datasets.sequence import Sequence
+from ...datasets.series import Reference
+from ...filters.errors import AlignmentError, ConfigError, DataError, NavError
+from ...filters.rotation import FloatArray
+from ...velocity.doppler_noise import NoiseFit, fit_doppler_noise, reference_residuals
+from ...velocity.range_rate import DopplerNoise
+from ...velocity.study.samples import reference_samples
+from ..config import Config
+from ..evaluation.accuracy import Evaluation, evaluate
+from ..pipeline import navigate
+from ..solution import Solution
+from ..spells.degradation import degrade
+from ..spells.drift import as_reference, spell_figures
+from ..spells.outages import Outages, Spell
+
+Source = str | Path | Sequence
+#: Errors of positions last for seconds to a minute: blocks are as long, or one twelfth of the
+#: recording, whichever is longer; a recording of a minute has three.
+_BLOCK, _BLOCKS = 15.0, 12
+#: After the default's alignment, before anything is judged [s]: a filter needs to settle.
+SETTLE = 10.0
+#: Parts of a recording that take turns in being left out.
+FOLDS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What all candidates on one recording share.
+
+    Parameters
+    ----------
+    name : str
+    time : ndarray, shape (n,)
+        Judged epochs [s].
+    block : ndarray of int, shape (n,)
+        Each epoch's block.
+    spells : tuple of Spell
+        Empty where none fits, or the recording has no observations.
+    outages : Outages
+        Which satellites they leave.
+    judge : Reference or None
+        Takes the place of a reference that is missing: the default's own smoothed solution.
+    fits : dict
+        By (spread, which): Doppler noise fitted to 'all', to the 'first' and the 'second' half.
+    least_cn0, least_elevation : float
+        Satellites weaker or lower no candidate uses [dB-Hz], [deg].
+    notes : tuple of str
+    """
+
+    name: str
+    time: FloatArray
+    block: NDArray[np.int64]
+    spells: tuple[Spell, ...]
+    outages: Outages
+    judge: Reference | None
+    fits: Mapping[tuple[str, str], NoiseFit]
+    least_cn0: float
+    least_elevation: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def middle(self) -> float:
+        """Where the first half ends [s]."""
+        return 0.5 * float(self.time[0] + self.time[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One candidate on one recording.
+
+    Parameters
+    ----------
+    square : dict of str to ndarray
+        By part: mean squared error of every block, squared drift of every spell [m²].
+    held : float
+        Share of the epochs within spells that gave the filter something; NaN without spells.
+    reason : str
+        Why there is no judgement: the run failed, or has no solution where the default has one.
+    """
+
+    square: dict[str, FloatArray] = field(default_factory=dict)
+    held: float = float("nan")
+    reason: str = ""
+
+
+def loaded(source: Source, data: Mapping[str, Any]) -> Sequence:
+    """Return the recording."""
+    return source if isinstance(source, Sequence) else load(source, **data)
+
+
+def prepare(
+    source: Source, config: Config, outages: Outages, least_cn0: float, least_elevation: float
+) -> Prepared:
+    """Navigate with the user's own settings, fix what is judged, and fit the Doppler noise.
+
+    Raises
+    ------
+    DataError
+        If the recording has no Doppler, or too little to divide.
+    """
+    sequence = loaded(source, config.data)
+    observations = sequence.observations
+    if observations is None or not observations.has_range_rate.any():
+        raise DataError(
+            f"{sequence.name}: no Doppler: nothing of what is tuned would be used",
+            remedy="its settings are the defaults, or see certnav run's options for positions",
+        )
+    try:
+        solution = navigate(sequence, config)
+    except AlignmentError as error:  # of several recordings, this one
+        raise DataError(f"{sequence.name}: cannot be navigated: {error}") from None
+    notes, judge = [], None
+    if sequence.reference is None:
+        smooth = replace(config, filter=replace(config.filter, smooth=True))
+        made = navigate(sequence, smooth).trajectory
+        judge = as_reference(made, "the default's own smoothed solution: NOT independent")
+        sequence = replace(sequence, reference=judge)
+        notes.append(
+            f"{sequence.name}: no reference; judged by the default's own smoothed solution, which "
+            "favours the default, and in spells of weak GNSS only"
+        )
+    time = evaluate(solution, sequence).time
+    if time.size:  # which settings begin a second earlier is not the question
+        time = time[time >= time[0] + min(SETTLE, (time[-1] - time[0]) / 6.0)]
+    if time.size < 4:
+        raise DataError(f"{sequence.name}: {time.size} epochs with a reference are too few to tune")
+    duration = float(time[-1] - time[0])
+    count = max(int(min(duration / _BLOCK, _BLOCKS)), 1)
+    block = np.minimum((count * (time - time[0]) / duration).astype(np.int64), count - 1)
+    spells = _spells(sequence, solution, outages, time)
+    if not spells:
+        notes.append(f"{sequence.name}: too short for a spell of weak GNSS ({outages.text})")
+    fits, more = _fits(sequence, 0.5 * float(time[0] + time[-1]))
+    return Prepared(
+        sequence.name, time, block, tuple(spells), outages, judge, fits, least_cn0, least_elevation,
+        (*notes, *more),
+    )  # fmt: skip
+
+
+def _spells(
+    sequence: Sequence, solution: Solution, outages: Outages, time: FloatArray
+) -> list[Spell]:
+    first, last = sequence.span
+    try:
+        found = outages.spells(
+            first, min(last, float(time[-1])), float(solution.trajectory.time[0]) + SETTLE
+        )
+    except ConfigError:
+        return []
+    return [s for s in found if ((time > s.start) & (time < s.end)).sum() > 1]
+
+
+def _fits(
+    sequence: Sequence, middle: float
+) -> tuple[dict[tuple[str, str], NoiseFit], tuple[str, ...]]:
+    """Return the Doppler noise of the receiver, tenfold in 20 dB as the filter has it."""
+    assert sequence.observations is not None
+    systems = "".join(sorted(set(sequence.observations.sat.astype("U1"))))
+    out = {}
+    try:
+        samples = reference_samples(sequence, systems=systems)
+        residual = reference_residuals(samples)
+        early = samples.time[samples.epoch] < middle
+        for spread in ("mad", "rms"):
+            for name, rows in (("all", early | ~early), ("first", early), ("second", ~early)):
+                out[spread, name] = fit_doppler_noise(
+                    samples.cn0[rows], residual[rows], spread=spread, decade_db=20.0
+                )
+    except DataError as error:
+        return {}, (f"{sequence.name}: no weights fitted: {error}",)
+    return out, ()
+
+
+def try_out(source: Source, prepared: Prepared, configs: tuple[Config, ...]) -> Trial:
+    """Return what one candidate does on one recording: the unit of work of a sweep.
+
+    Parameters
+    ----------
+    source : path or Sequence
+    prepared : Prepared
+    configs : tuple of Config
+        One; or two, for the first half of the recording and for the second.
+    """
+    sequence = loaded(source, configs[0].data)
+    if prepared.judge is not None:
+        sequence = replace(sequence, reference=prepared.judge)
+    parts = [_judged(sequence, prepared, config) for config in configs]
+    if reasons := [part.reason for part in parts if part.reason]:
+        return Trial(reason=reasons[0])
+    if len(parts) == 1:
+        return parts[0]
+    first, second = parts
+    square = {}
+    for part, centre in centres(prepared).items():
+        if part in first.square:
+            early = centre < prepared.middle
+            square[part] = np.where(early, first.square[part], second.square[part])
+    return Trial(square, 0.5 * (first.held + second.held))
+
+
+def centres(prepared: Prepared) -> dict[str, FloatArray]:
+    """Return when the blocks and spells are, by part [s]."""
+    out = {}
+    if prepared.judge is None:
+        count = np.bincount(prepared.block)
+        out["as recorded"] = np.bincount(prepared.block, prepared.time) / np.maximum(count, 1)
+    if prepared.spells:
+        out["weak GNSS"] = np.array([0.5 * (s.start + s.end) for s in prepared.spells])
+    return out
+
+
+def _judged(sequence: Sequence, prepared: Prepared, config: Config) -> Trial:
+    square: dict[str, FloatArray] = {}
+    held = float("nan")
+    try:
+        if prepared.judge is None:
+            plain = evaluate(navigate(sequence, config), sequence)
+            error = _horizontal_square(plain, prepared)
+            count = np.bincount(prepared.block)
+            square["as recorded"] = np.bincount(prepared.block, error) / np.maximum(count, 1)
+        if prepared.spells:
+            square["weak GNSS"], held = _drifts(sequence, prepared, config)
+    except NavError as error:
+        return Trial(reason=str(error))
+    return Trial(square, held)
+
+
+def _horizontal_square(evaluation: Evaluation, prepared: Prepared) -> FloatArray:
+    """Return squared horizontal errors at the judged epochs.
+
+    Raises
+    ------
+    DataError
+        If there is no solution at some of them.
+    """
+    there = np.isin(evaluation.time, prepared.time)
+    if there.sum() < prepared.time.size:
+        missing = prepared.time.size - int(there.sum())
+        raise DataError(f"no solution at {missing} epochs where the default has one")
+    return np.sum(evaluation.error_pos_n[there, :2] ** 2, axis=1)
+
+
+def _drifts(sequence: Sequence, prepared: Prepared, config: Config) -> tuple[FloatArray, float]:
+    """Return squared drifts of the spells [m²], and the share of their epochs with an update."""
+    weak = degrade(
+        sequence, prepared.spells, prepared.outages, min_cn0_dbhz=prepared.least_cn0,
+        elevation_mask_deg=prepared.least_elevation,
+    )  # fmt: skip
+    solution = navigate(weak, config)
+    evaluation = evaluate(solution, weak)
+    figures = [spell_figures(evaluation, spell) for spell in prepared.spells]
+    if any(f is None for f in figures):
+        raise DataError("no solution in a spell where the default has one")
+    epochs = np.array([u.time for u in solution.updates if u.kind in ("doppler", "velocity")])
+    used = np.array([u.accepted for u in solution.updates if u.kind in ("doppler", "velocity")])
+    inside = np.zeros(epochs.size, dtype=bool)
+    for spell in prepared.spells:
+        inside |= (epochs >= spell.start) & (epochs < spell.end)
+    offered = np.unique(epochs[inside]).size
+    held = np.unique(epochs[inside & used]).size / offered if offered else float("nan")
+    return np.array([f.drift**2 for f in figures if f is not None]), held
+
+
+def weights_for(
+    prepared: Prepared, others: list[Prepared], spread: str
+) -> tuple[DopplerNoise, ...] | None:
+    """Return the weights this recording may be judged with: none of them fitted to that part."""
+    if len(others) >= 2:
+        fits = [o.fits[spread, "all"] for o in others if (spread, "all") in o.fits]
+        return (pooled(fits),) if fits else None
+    if (spread, "first") not in prepared.fits:
+        return None
+    return prepared.fits[spread, "second"].noise, prepared.fits[spread, "first"].noise
+
+
+def pooled(fits: list[NoiseFit]) -> DopplerNoise:
+    """Return the geometric mean of noise models, each receiver counting once."""
+    return DopplerNoise(
+        float(np.exp(np.mean([np.log(f.noise.sigma_45) for f in fits]))),
+        float(np.exp(np.mean([np.log(f.noise.floor) for f in fits]))),
+    )

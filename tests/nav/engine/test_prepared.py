@@ -1,0 +1,100 @@
+"""What runs over one recording have in common changes none of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from certnav.datasets.simulation.sensors import fixes_from_truth
+from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.nav.config import Config
+from certnav.nav.engine import prepared as module
+from certnav.nav.engine.prepared import Prepared, plain_run
+from certnav.nav.pipeline import navigate, navigate_twice
+
+
+@pytest.fixture(scope="module")
+def drive():
+    simulation = simulate(
+        SimulationConfig(name="made", seed=4, duration=120.0, density="suburb", imu_rate=25.0)
+    )
+    time = np.arange(1.0, 119.0) + simulation.config.start_time
+    lever = simulation.calibration.lever_antenna_b
+    rng = np.random.default_rng(5)
+    return simulation.sequence(fixes_from_truth(simulation.trajectory, time, lever, 1.0, 0.05, rng))
+
+
+PLAIN = plain_run(Config())
+SMOOTH = dataclasses.replace(PLAIN, filter=dataclasses.replace(PLAIN.filter, smooth=True))
+
+
+def _same(a, b, rtol: float = 0.0, atol: float = 0.0) -> None:
+    for field in dataclasses.fields(a.trajectory):
+        one, two = (getattr(s.trajectory, field.name) for s in (a, b))
+        np.testing.assert_allclose(one, two, rtol, atol, err_msg=field.name)
+    assert len(a.updates) == len(b.updates)
+    assert a.alignment == b.alignment and a.notes == b.notes
+
+
+def test_a_plain_run_is_the_same_to_the_last_digit(drive):
+    _same(navigate(drive, PLAIN, prepared=Prepared(drive)), navigate(drive, PLAIN))
+
+
+def test_one_pass_serves_the_run_and_the_smoothed_run(drive):
+    causal, smoothed = navigate_twice(drive, SMOOTH, Prepared(drive))
+    # What is kept for the smoother cuts the way into other pieces: rounding.
+    _same(causal, navigate(drive, PLAIN), rtol=1e-6, atol=1e-7)
+    _same(smoothed, navigate(drive, SMOOTH))
+    late = slice(-500, -100)
+    one, two = (solution.trajectory.pos_e[late] for solution in (causal, smoothed))
+    assert np.abs(one - two).max() > 0.1
+
+
+def test_start_and_gnss_are_computed_once(drive, monkeypatch):
+    counts = dict.fromkeys(("found_start", "gnss_timeline", "with_fitted_noise"), 0)
+
+    def counted(name):
+        real = getattr(module, name)
+
+        def call(*arguments):
+            counts[name] += 1
+            return real(*arguments)
+
+        return call
+
+    for name in counts:
+        monkeypatch.setattr(module, name, counted(name))
+    prepared = Prepared(drive)
+    for below_four in ("off", "ddia", "rows"):
+        gnss = dataclasses.replace(PLAIN.gnss, below_four=below_four)
+        for config in (Config(), PLAIN, SMOOTH):
+            navigate(drive, dataclasses.replace(config, gnss=gnss), prepared=prepared)
+    assert counts == {"found_start": 1, "gnss_timeline": 3, "with_fitted_noise": 1}
+
+
+def test_without_gnss_after_the_start_there_is_none(drive):
+    prepared = Prepared(drive)
+    start, _ = prepared.start(PLAIN)
+    alone = navigate(drive, PLAIN, prepared=prepared, until=start.known)
+    offered = [u.time for u in alone.updates if u.kind in ("position", "velocity", "doppler")]
+    assert max(offered) <= start.known < max(e.time for e in prepared.timeline(PLAIN).events)
+    assert alone.epochs.time.max() <= start.known
+    assert alone.trajectory.time[-1] == pytest.approx(drive.inertial.time[-1])
+
+
+def test_a_start_knows_nothing_later_than_it_says(drive):
+    """Whatever comes after `known` may be taken away: the start stays as it is."""
+    prepared = Prepared(drive)
+    start, _ = prepared.start(PLAIN)
+    last = start.known + 0.1
+    kept = dataclasses.replace(
+        drive,
+        observations=drive.observations.take(drive.observations.time <= last),
+        fixes=drive.fixes.take(drive.fixes.time <= last),
+    )
+    again, _ = Prepared(kept).start(PLAIN)
+    assert again.state.time == start.state.time
+    turned = np.degrees(np.arccos((np.trace(again.state.C_eb.T @ start.state.C_eb) - 1) / 2))
+    assert turned < 0.01 and np.linalg.norm(again.state.pos_e - start.state.pos_e) < 1.0
