@@ -86,10 +86,8 @@ FORMATS: dict[str, Format] = {
     ),
     "tumsat": Format("formats.tumsat", "tumsat", "GNSSTCData*.mat with IMUData*.mat"),
     "spirent": Format("formats.instinct", "spirent", "Rover-*_MO_*.obs with *_PVA_*.csv"),
-    "ppc": Format("own.ppc", "ppc", "rover.obs, base.obs, base.nav with imu.csv"),
-    "receiver": Format(
-        "receivers.receiver_file", "receiver_file", "a receiver's log or RINEX, itself named"
-    ),
+    "ppc": Format("own.ppc", "ppc", "rover.obs with imu.csv"),
+    "receiver": Format("receivers.receiver_file", "receiver_file", "a log or RINEX itself"),
 }
 
 

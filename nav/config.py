@@ -27,6 +27,11 @@ def _positive(key: str, value: float, zero: bool = False) -> None:
         raise ConfigError(f"{key}: expected a number {'≥' if zero else '>'} 0, found {value}")
 
 
+def _within(key: str, value: float, least: float, below: float, said: str) -> None:
+    if not least <= value < below:
+        raise ConfigError(f"{key}: expected {said}, found {value:g}")
+
+
 @dataclass(frozen=True)
 class AlignmentConfig:
     """Initial attitude.
@@ -77,11 +82,8 @@ class AlignmentConfig:
             "max_sigma_heading_deg", "position_age_s",
         ):  # fmt: skip
             _positive(f"alignment.{name}", getattr(self, name))
-        if not SHORTEST_WINDOW <= self.max_window_s < float("inf"):
-            raise ConfigError(
-                f"alignment.max_window_s: expected at least {SHORTEST_WINDOW:g} s, found "
-                f"{self.max_window_s:g}"
-            )
+        said = f"at least {SHORTEST_WINDOW:g} s"
+        _within("alignment.max_window_s", self.max_window_s, SHORTEST_WINDOW, float("inf"), said)
         angles = (self.roll_deg, self.pitch_deg, self.heading_deg)
         if self.method == "given" and None in angles:
             raise ConfigError(
@@ -127,8 +129,7 @@ class FilterConfig:
     patience_s: float = 10.0
     smooth: bool = False
     output_rate_hz: float = 10.0
-    # An error lasts for some 30 s: 1e-4 is one in a hundred hours or so of driving, the rarest
-    # that recordings and simulations can contradict. Smaller is a matter of belief in Gauss.
+    # Of errors that last for some 30 s one in a hundred hours, the rarest that data can contradict.
     protection_risk: float = 1e-4
 
     def __post_init__(self) -> None:
@@ -137,22 +138,12 @@ class FilterConfig:
         _choice("filter.bias_model", self.bias_model, ("random-walk", "gauss-markov"))
         if self.imu and not self.imu.endswith(".toml") and self.imu not in PRESETS:
             raise ConfigError.unknown_key(self.imu, PRESETS, where="filter.imu")
-        if not 0.0 <= self.gate_probability < 1.0:
-            raise ConfigError(
-                f"filter.gate_probability: expected 0 ≤ p < 1, found {self.gate_probability}"
-            )
+        _within("filter.gate_probability", self.gate_probability, 0.0, 1.0, "0 ≤ p < 1")
+        _within("filter.protection_risk", self.protection_risk, 0.0, 0.1, "0 ≤ p < 0.1")
         if not self.gate_width >= 1.0:
             raise ConfigError(f"filter.gate_width: expected ≥ 1, found {self.gate_width}")
-        if not 0.0 <= self.protection_risk <= 0.1:
-            raise ConfigError(
-                f"filter.protection_risk: expected 0 … 0.1, found {self.protection_risk}"
-            )
         _positive("filter.patience_s", self.patience_s, zero=True)
         _positive("filter.output_rate_hz", self.output_rate_hz, zero=True)
-
-
-#: Constellations by letter: GPS, GLONASS, Galileo, QZSS, BeiDou.
-SYSTEMS = "GREJC"
 
 
 @dataclass(frozen=True)
@@ -171,14 +162,11 @@ class GnssConfig:
     base_position_e_m : list of three numbers
         ECEF position of the base's antenna; default: what its file says.
     systems : str
-        Constellations used, by letter: G GPS, R GLONASS, E Galileo, J QZSS, C BeiDou; '': all that
-        the recording has, and of positions relative to a base those that both have.
+        Constellations used (G GPS, R GLONASS, E Galileo, J QZSS, C BeiDou); '': all there are.
     frequencies : int
         Bands of positions relative to a base, 1 to 3; 0: those that rover and base have.
     rtk_direction : {'forward', 'backward', 'combined'}
-        How positions relative to a base get their ambiguities: from the past; from the future; or
-        from both, where positions that are fixed both ways and contradict each other count as
-        float.
+        Where ambiguities come from: the past, the future, or both, contradictions being float.
     velocity : {'auto', 'doppler', 'carried', 'none'}
         Least squares from Doppler, or velocities the set carries; 'auto' prefers Doppler.
     below_four : {'rows', 'ddia', 'off'}
@@ -283,12 +271,9 @@ class GnssConfig:
                 "gnss.base_position_e_m: expected X, Y, Z in metres, found "
                 f"{list(self.base_position_e_m)}"
             )
-        if not set(self.systems) <= set(SYSTEMS):
-            raise ConfigError(
-                f"gnss.systems: expected letters of {', '.join(SYSTEMS)}, found {self.systems!r}"
-            )
-        if self.frequencies not in range(4):
-            raise ConfigError(f"gnss.frequencies: expected 0 to 3, found {self.frequencies}")
+        for letter in self.systems:
+            _choice("gnss.systems", letter, tuple("GREJC"))
+        _choice("gnss.frequencies", str(self.frequencies), ("0", "1", "2", "3"))
         _choice("gnss.rtk_direction", self.rtk_direction, ("forward", "backward", "combined"))
         most = (90.0, 360.0, 9000.0)[: len(self.near_deg)]
         beyond = any(not abs(v) <= m for v, m in zip(self.near_deg, most, strict=False))
@@ -318,10 +303,7 @@ class GnssConfig:
             "position_correlation_s", "code_weak_sigma_m", "delay_sigma_s",
         ):  # fmt: skip
             _positive(f"gnss.{name}", getattr(self, name), zero=True)
-        if not -90.0 <= self.elevation_mask_deg < 90.0:
-            raise ConfigError(
-                f"gnss.elevation_mask_deg: expected −90 … 90, found {self.elevation_mask_deg}"
-            )
+        _within("gnss.elevation_mask_deg", self.elevation_mask_deg, -90.0, 90.0, "−90 … 90")
 
 
 @dataclass(frozen=True)

@@ -163,14 +163,14 @@ class Row:
     found: list[str]
 
 
-def measured(name: str, seeds: int) -> Row:
+def measured(name: str, seeds: range) -> Row:
     """Navigate the drives of a world, or a recording, by filter and by smoother."""
     judged = RECORDINGS.get(name, Judged(""))
     runs: dict[str, list[Figures]] = {"filter": [], "smoother": []}
     log: list[Update] = []
     found: list[str] = []
     with tempfile.TemporaryDirectory() as work:
-        for number, sequence in enumerate(drives(name, seeds, Path(work))):
+        for sequence in drives(name, seeds, Path(work)):
             began = clock.perf_counter()
             for what in runs:
                 tables = {
@@ -180,14 +180,14 @@ def measured(name: str, seeds: int) -> Row:
                 try:
                     solution = navigate(sequence, from_tables(tables))
                 except NavError as error:
-                    print(f"{name}, drive {number}, left out: {error}", file=sys.stderr)
+                    print(f"{name}, {sequence.name}, left out: {error}", file=sys.stderr)
                     break
                 runs[what].append(figures(*nees(solution, sequence, judged)))
             else:
                 log += solution.updates
                 found += [n.text for n in solution.notes if n.text.startswith("noise of ")]
             seconds = clock.perf_counter() - began
-            print(f"{name}, drive {number}: {seconds:.0f} s", file=sys.stderr, flush=True)
+            print(f"{name}, {sequence.name}: {seconds:.0f} s", file=sys.stderr, flush=True)
     return Row(name, runs, innovations(tuple(log)), found)
 
 
@@ -264,6 +264,7 @@ def main() -> int:
     """Print or write the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=4, metavar="N", help="drives a world [4]")
+    parser.add_argument("--first", type=int, default=0, metavar="K", help="seed of the first [0]")
     parser.add_argument("--only", nargs="+", choices=[*WORLDS, *RECORDINGS], metavar="NAME")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the page there")
@@ -276,7 +277,8 @@ def main() -> int:
     for name in here:
         # A quarter of the long drives.
         count = -(-arguments.seeds // 4) if name == "demo" else arguments.seeds
-        rows.append(measured(name, count))
+        seeds = range(arguments.first, arguments.first + count)
+        rows.append(measured(name, seeds))
         if out is not None:  # as far as it is
             out.write_text(page(rows, arguments.seeds) + by_hand(old), encoding="utf-8")
     if arguments.json:

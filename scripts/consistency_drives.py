@@ -100,14 +100,14 @@ RECORDINGS = {
 }  # fmt: skip
 
 
-def drives(name: str, seeds: int, work: Path) -> Iterator[Sequence]:
+def drives(name: str, seeds: range, work: Path) -> Iterator[Sequence]:
     """Yield the drives of a world, or the recording of that name."""
     if name in RECORDINGS:
         recording = RECORDINGS[name]
         whole = load(DATA / recording.folder)
         yield weakened(whole, recording.outages) if recording.outages else whole
         return
-    for seed in range(seeds):
+    for seed in seeds:
         yield drive(name, seed, work)
 
 

@@ -64,7 +64,8 @@ digit of a coordinate, a row less, a comment.
 
 RINEX reaches RTKLIB only after a test of every line (`datasets.text.rinex`), under a name it takes
 as it is (`datasets.rtklib.file_names`): of {rinex} broken RINEX files none has ended the process,
-so that RTKLIB is called in it and not in a child.
+so that RTKLIB is called in it and not in a child. Its decoders of raw logs have been ended by a
+damaged message under a right checksum: they run in a process of their own.
 
 **Wrong units.** Gyro or accelerometer of a simulated drive scaled by what confuses degrees and
 radians, seconds and hours, m/s², g, mg and Gal, metres and feet, and by −1, in {formats}: of

@@ -1,6 +1,6 @@
 """Tune on each recording, then run every other one with the settings found and without.
 
-    python scripts/tuned_settings.py [--data DIR] [--duration 300] [--longest 300]
+    python scripts/tuned_settings.py [--data DIR] [--duration 300] [--longest 300] [--only A,B]
 
 The recordings: comma2k19 and Tokyo (CERTNAV_DATA) and four simulated drives in the GREAT layout.
 Where tuning keeps the default there is nothing to run. Differences are of the horizontal RMS, with
@@ -52,12 +52,13 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=default)
     parser.add_argument("--duration", type=float, default=300.0, help="of a simulated drive [s]")
     parser.add_argument("--longest", type=float, default=300.0, help="of a real one [s]")
+    parser.add_argument("--only", default="", metavar="LIST", help="tune on these recordings")
     parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as work:
         drives = dict(recordings(arguments.data, Path(work), arguments.duration, arguments.longest))
-        for name, drive in drives.items():
-            found = tune_settings([drive], jobs=arguments.jobs)
+        for name in arguments.only.split(",") if arguments.only else drives:
+            found = tune_settings([drives[name]], jobs=arguments.jobs)
             print(f"{name}: {found.candidates[found.chosen].name}. {found.decided}", flush=True)
             if found.config == Config():
                 continue

@@ -14,6 +14,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +22,9 @@ from ...filters.errors import ConfigError, DataError
 from .. import gpstime
 from ..text import rinex_header as header
 from ..text.rinex_repair import without_mark
+
+if TYPE_CHECKING:
+    from ..rtklib import GivenFiles
 
 SIDECAR = "great.toml"
 _REFERENCE_FOLDERS = ("groundtruth", "groudtruth", "ref", "reference")
@@ -105,9 +109,12 @@ def find_files(
 def rinex_files(files: list[Path]) -> tuple[list[Path], list[Path]]:
     """Return the rover observation files and the navigation files among `files`.
 
-    Files below a folder whose name contains ``base`` are reference stations, not rovers.
+    Files below a folder whose name contains ``base`` are reference stations, not rovers. Where
+    there is no RINEX of a rover, its receiver's log is taken (Septentrio SBF, u-blox UBX), with its
+    ephemerides where there are no others.
     """
-    observations, navigation = [], []
+    observations: list[Path] = []
+    navigation: list[Path] = []
     for file in files:
         if not is_rinex_name(file.name):
             continue
@@ -116,18 +123,28 @@ def rinex_files(files: list[Path]) -> tuple[list[Path], list[Path]]:
             observations.append(file)
         elif kind == "N":
             navigation.append(file)
-    return observations, navigation
+    if observations:
+        return observations, navigation
+    logs = [_as_rinex(file) for file in _logs(files) if "base" not in file.parent.name.lower()]
+    own = [file for log in logs for file in log.navigation]
+    return [log.observations for log in logs], navigation or own
+
+
+def _logs(files: list[Path]) -> list[Path]:
+    return [file for file in files if file.suffix.lower() in (".sbf", ".ubx")]
+
+
+def _as_rinex(file: Path) -> GivenFiles:
+    from ..rtklib import given_files  # RTKLIB is slow to import
+
+    return given_files(file)
 
 
 def base_files(files: list[Path]) -> list[Path]:
-    """Return the observation files below a folder whose name contains ``base``."""
-    return [
-        file
-        for file in files
-        if "base" in file.parent.name.lower()
-        and is_rinex_name(file.name)
-        and rinex_kind(file) == "O"
-    ]
+    """Return the observations below a folder whose name contains ``base``: RINEX, else logs."""
+    below = [file for file in files if "base" in file.parent.name.lower()]
+    rinex = [f for f in below if is_rinex_name(f.name) and rinex_kind(f) == "O"]
+    return rinex or [_as_rinex(file).observations for file in _logs(below)]
 
 
 def base_stations(

@@ -36,7 +36,13 @@ MEMS_TO_TACTICAL = {2129: (-0.32, 0.0, 0.01), 2233: (0.35, 0.04, -0.06)}
 REFERENCE_SOURCE = "Inertial Explorer, tightly coupled RTK and tactical IMU, smoothed"
 #: Points a reference may be of.
 POINTS = ("imu", "antenna", "mems", "tactical")
-_OF_MEMS = ("lever_antenna_frd_m", "imu_preset", "mounting_rpy_deg", "lever_vehicle_frd_m")
+#: How well the file's own values are known, 1σ, each of use beside its value alone.
+_SIGMAS = {
+    "lever_antenna_sigma_m": "lever_antenna_frd_m",
+    "mounting_sigma_deg": "mounting_rpy_deg",
+    "lever_vehicle_sigma_m": "lever_vehicle_frd_m",
+}
+_OF_MEMS = ("imu_preset", *_SIGMAS, *_SIGMAS.values())
 #: Options that the file may hold too.
 _CALLED = ("lever", "reference_point", "reference_body", "imu_preset", "week", "gyro_unit")
 _SIDECAR_KEYS = (
@@ -50,6 +56,7 @@ _SIDECAR_KEYS = (
     "reference_source",
     "mounting_rpy_deg",
     "lever_vehicle_frd_m",
+    *_SIGMAS,
 )
 
 
@@ -67,6 +74,9 @@ class Declared:
     reference_source: str
     mounting_rpy_deg: FloatArray | None
     lever_vehicle: FloatArray | None
+    lever_antenna_sigma_m: float = 0.0
+    mounting_sigma_deg: float = 0.0
+    lever_vehicle_sigma_m: float = 0.0
 
 
 def read_declared(folder: Path, options: GreatOptions) -> Declared:
@@ -110,6 +120,10 @@ def read_declared(folder: Path, options: GreatOptions) -> Declared:
         reference_source=str(given.get("reference_source", REFERENCE_SOURCE)),
         mounting_rpy_deg=_optional_vector("mounting_rpy_deg", given),
         lever_vehicle=_optional_vector("lever_vehicle_frd_m", given),
+        # A lever in the call is another one than that of the file.
+        lever_antenna_sigma_m=0.0 if "lever" in called else _sigma("lever_antenna_sigma_m", given),
+        mounting_sigma_deg=_sigma("mounting_sigma_deg", given),
+        lever_vehicle_sigma_m=_sigma("lever_vehicle_sigma_m", given),
     )
 
 
@@ -123,6 +137,14 @@ def _word_or_vector(key: str, value: Any, words: tuple[str, ...]) -> str | Float
 
 def _optional_vector(key: str, given: Mapping[str, Any]) -> FloatArray | None:
     return _vector(key, given[key]) if key in given else None
+
+
+def _sigma(key: str, given: Mapping[str, Any]) -> float:
+    """Return a 1σ, 0 where none is given: exactly."""
+    value = given.get(key, 0.0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value < np.inf:
+        raise ConfigError(f"{key}: expected a number of 0 or more, found {value!r}")
+    return float(value)
 
 
 def sidecar(folder: Path, imu: str) -> Mapping[str, Any]:
@@ -139,6 +161,9 @@ def sidecar(folder: Path, imu: str) -> Mapping[str, Any]:
             raise ConfigError.unknown_key(key, _SIDECAR_KEYS, where=str(file))
     if "lever" in content and "lever_antenna_frd_m" in content:
         raise ConfigError(f"{file}: give either lever or lever_antenna_frd_m, not both")
+    for key, of in _SIGMAS.items():
+        if key in content and of not in content:
+            raise ConfigError(f"{file}: {key} without {of}: give both")
     if imu == "mems":
         return {**content, **({"reference_point": "mems"} if _names_imu(content) else {})}
     of_both = {k: v for k, v in content.items() if k not in _OF_MEMS}

@@ -123,15 +123,19 @@ def _calibration(declared: Declared, lever_b: FloatArray, lever_source: str) -> 
         declared.mounting_rpy_deg,
         declared.lever_vehicle,
     )
+    sigma = declared.lever_antenna_sigma_m
     if rpy is None or wheels is None:
-        return Calibration(spec, lever_b, lever_source)
+        return Calibration(spec, lever_b, lever_source, sigma)
     return Calibration(
         spec,
         lever_b,
         lever_source,
+        sigma,
         C_bv=matrix_from_rpy(np.radians(rpy)).T,
         lever_vehicle_b=wheels,
         mounting_source=f"declared in {SIDECAR}",
+        mounting_sigma=float(np.radians(declared.mounting_sigma_deg)),
+        lever_vehicle_sigma=declared.lever_vehicle_sigma_m,
     )
 
 

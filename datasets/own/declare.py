@@ -20,11 +20,12 @@ from ..axes import ATTITUDE
 from ..formats.kfgins import kind_of
 from ..formats.rtklib_pos import is_pos
 from ..great.pvt import is_flt
+from ..receivers.bags import is_bag
 from ..text.columns import open_text
 from . import column_roles as roles
 from .column_roles import Sampled
 from .declaration import BLANK, NAME
-from .receivers import kinds_of
+from .receivers import bag_sections, kinds_of
 
 _COLUMN = 44
 _SPEEDS = "m/s, km/h, knots or ft/s"
@@ -60,6 +61,9 @@ def draft_declaration(files: Sequence[str | Path]) -> str:
     sections: dict[str, list[str]] = {}
     rinex: dict[str, list[str]] = {"O": [], "N": []}
     for path in paths:
+        if path.exists() and is_bag(path):
+            sections = bag_sections(path, _relative(path, home)) | sections
+            continue
         if path.is_dir():
             raise DataError(
                 "expected files, found a folder", file=path, remedy=f"name them: {path}/*.csv …"

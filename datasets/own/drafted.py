@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from ...filters.errors import ConfigError, DataError
@@ -34,7 +35,7 @@ def declaration_of(log: Path, imu: Path) -> Path:
             raise DataError("file not found", file=file, remedy="check the name")
     file = log.with_name(f"{log.name.partition('.')[0]}.toml")
     if not file.exists():
-        draft = draft_declaration([log, imu])
+        draft = f"name = {json.dumps(file.stem)}\n" + draft_declaration([log, imu])
         try:
             write_file(file, draft.encode())
         except OSError as error:

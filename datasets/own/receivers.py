@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from ..great.files import rinex_kind
+from ..receivers.bags import bag_topics
 from ..receivers.raw_frames import FORMATS, find_frames
 from ..text.rinex_packing import is_packed, unpack
 
@@ -36,6 +38,56 @@ def kinds_of(path: Path) -> str:
     if kind:
         return kind if kind in ("O", "N") else ""
     return _of_log(path, path.read_bytes()) if b"\0" in head else ""
+
+
+def bag_sections(path: Path, name: str) -> dict[str, list[str]]:
+    """Return drafted lines by section for the topics of a bag whose messages say what they hold.
+
+    Parameters
+    ----------
+    path : Path
+    name : str
+        What the declaration calls it.
+    """
+    of_type: dict[str, list[str]] = {}
+    for topic, kind in bag_topics(path).items():
+        of_type.setdefault(kind, []).append(topic)
+    out: dict[str, list[str]] = {}
+    for kind, section, lines in (
+        ("sensor_msgs/msg/Imu", "imu", _BAG_IMU), ("sensor_msgs/msg/NavSatFix", "gnss", _BAG_FIX),
+    ):  # fmt: skip
+        topics = sorted(of_type.get(kind, ()))
+        if topics:
+            more = f"  # or one of {', '.join(topics[1:])}" if topics[1:] else ""
+            file, topic = json.dumps(name), json.dumps(topics[0])
+            out[section] = [f"file = {file}", f"topic = {topic}{more}", *lines]
+    if any(kind.endswith("/RxmRAWX") for kind in of_type):
+        out["rinex"] = [f"observations = {json.dumps(name)}"]
+    return out
+
+
+_STAMP = [
+    'time = "stamp"',
+    'time_scale = "unix"  # of the header; without GPS time, of the computer\'s clock',
+]
+#: What the definitions of these messages say of their fields.
+_BAG_IMU = [
+    *_STAMP,
+    'gyro = ["angular_velocity.x", "angular_velocity.y", "angular_velocity.z"]',
+    'accel = ["linear_acceleration.x", "linear_acceleration.y", "linear_acceleration.z"]',
+    'gyro_unit = "rad/s"  # says the message',
+    'accel_unit = "m/s2"',
+    'axes = "?"  # FRD, FLU, RFU …; drivers that keep to REP 103: FLU',
+]
+_BAG_FIX = [
+    *_STAMP,
+    'position = ["latitude", "longitude", "altitude"]',
+    'position_frame = "lla"',
+    'angle_unit = "deg"',
+    'height = "ellipsoid"  # says the message',
+    'position_variance = ["position_covariance.4", "position_covariance.0", '
+    '"position_covariance.8"]  # north, east, up',
+]
 
 
 def _of_log(path: Path, content: bytes) -> str:

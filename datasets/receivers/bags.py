@@ -2,16 +2,18 @@
 
 A declared file that is a bag has a ``topic``; its columns are the fields of the messages by their
 path, as ``angular_velocity.x`` or ``position_covariance.0``, and ``stamp``, the time in the
-message's header, and ``received``, that of the bag, both in seconds since 1970 (`unix`).
-Read by the package rosbags (extra ``bags``).
+message's header, and ``received``, that of the bag, both in seconds since 1970 (`unix`). Raw
+messages of u-blox receivers (``ublox_msgs/RxmRAWX`` and ``RxmSFRBX``) become the log they were.
+Bags are read by the package rosbags (extra ``bags``).
 """
 
 from __future__ import annotations
 
 import atexit
 import shutil
+import struct
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -55,15 +57,96 @@ def bag_table(path: str | Path, topic: str) -> Path:
     return _table(path.resolve(), path.stat().st_mtime_ns, topic)
 
 
+def bag_topics(path: Path) -> dict[str, str]:
+    """Return the topics of a bag and the types of their messages, as ``sensor_msgs/msg/Imu``.
+
+    Raises
+    ------
+    DataError
+        As for `bag_table`.
+    """
+
+    def topics() -> list[tuple[str, str]]:
+        with _reader(path) as reader:
+            return [(c.topic, c.msgtype) for c in reader.connections]
+
+    return dict(_read(path, topics))
+
+
+def ublox_log(path: str | Path) -> Path:
+    """Return the raw messages of a u-blox receiver in a bag as a UBX log, kept as long.
+
+    Raises
+    ------
+    DataError
+        As for `bag_table`; no raw message in the bag, with the topics there are.
+    """
+    path = Path(path)
+    return _log(path.resolve(), path.stat().st_mtime_ns)
+
+
 @cache
-def _table(path: Path, modified: int, topic: str) -> Path:
+def _log(path: Path, modified: int) -> Path:
+    frames = _read(path, lambda: list(_frames(path)))
+    out = Path(tempfile.mkdtemp(dir=_shelf())) / f"{path.stem}.ubx"
+    out.write_bytes(b"".join(frames))
+    return out
+
+
+def _frames(path: Path) -> Iterator[bytes]:
+    with _reader(path) as reader:
+        found = [c for c in reader.connections if c.msgtype.rpartition("/")[2] in _UBLOX]
+        if not found:
+            known = sorted({f"{c.topic} ({c.msgtype})" for c in reader.connections})
+            raise DataError(
+                f"no raw messages of a receiver in this bag, which holds {', '.join(known)}",
+                file=path,
+                remedy="record ublox_msgs/RxmRAWX and RxmSFRBX, or name the receiver's own log",
+            )
+        for connection, _, raw in reader.messages(connections=found):
+            message = reader.deserialize(raw, connection.msgtype)
+            yield _UBLOX[connection.msgtype.rpartition("/")[2]](message)
+
+
+def _rawx(m: Any) -> bytes:
+    payload = struct.pack("<dHbBBBxx", m.rcvTOW, m.week, m.leapS, len(m.meas), m.recStat, m.version)
+    for r in m.meas:  # ublox_msgs calls the signal reserved0
+        payload += struct.pack(
+            "<ddfBBBBHBBBBBx", r.prMes, r.cpMes, r.doMes, r.gnssId, r.svId, r.reserved0, r.freqId,
+            r.locktime, r.cno, r.prStdev, r.cpStdev, r.doStdev, r.trkStat,
+        )  # fmt: skip
+    return _framed(0x15, payload)
+
+
+def _sfrbx(m: Any) -> bytes:
+    head = (m.gnssId, m.svId, m.reserved0, m.freqId, len(m.dwrd), m.chn, m.version, 0)
+    return _framed(0x13, struct.pack(f"<8B{len(m.dwrd)}I", *head, *m.dwrd))
+
+
+_UBLOX: dict[str, Callable[[Any], bytes]] = {"RxmRAWX": _rawx, "RxmSFRBX": _sfrbx}
+
+
+def _framed(number: int, payload: bytes) -> bytes:
+    """Return a message of class RXM with its checksum."""
+    body = bytes([0x02, number]) + len(payload).to_bytes(2, "little") + payload
+    sums = np.cumsum(np.frombuffer(body, np.uint8), dtype=np.int64)
+    return b"\xb5b" + body + bytes([int(sums[-1]) & 255, int(sums.sum()) & 255])
+
+
+def _read(path: Path, read: Callable[[], list[Any]]) -> list[Any]:
+    """Return what is read of a bag; whatever a damaged one causes is a `DataError`."""
     try:
-        rows = list(_messages(path, topic))
+        return read()
     except (ConfigError, DataError):
         raise
-    except Exception as error:  # whatever a damaged bag makes of struct, sqlite and yaml
+    except Exception as error:  # of struct, sqlite, yaml …
         first = (str(error).strip() or type(error).__name__).splitlines()[0]
         raise DataError(f"not readable as a bag: {first}", file=path) from None
+
+
+@cache
+def _table(path: Path, modified: int, topic: str) -> Path:
+    rows = _read(path, lambda: list(_messages(path, topic)))
     if not rows:
         raise DataError(f"no message of topic {topic}", file=path)
     names = list(rows[0])
@@ -85,7 +168,7 @@ def _other(rows: list[dict[str, str]]) -> int:
     return next(k for k, row in enumerate(rows) if list(row) != list(rows[0]))
 
 
-def _messages(path: Path, topic: str) -> Iterator[dict[str, str]]:
+def _reader(path: Path) -> Any:
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -97,7 +180,11 @@ def _messages(path: Path, topic: str) -> Iterator[dict[str, str]]:
         ) from None
     place = path.parent if path.suffix.lower() == ".db3" else path
     # ROS 2 bags may leave the definitions of the standard messages out.
-    with AnyReader([place], default_typestore=get_typestore(Stores.LATEST)) as reader:
+    return AnyReader([place], default_typestore=get_typestore(Stores.LATEST))
+
+
+def _messages(path: Path, topic: str) -> Iterator[dict[str, str]]:
+    with _reader(path) as reader:
         found = [c for c in reader.connections if c.topic == topic]
         if not found:
             known = sorted({f"{c.topic} ({c.msgtype})" for c in reader.connections})

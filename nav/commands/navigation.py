@@ -69,8 +69,9 @@ def navigate_folder(
         check_replaceable(out)
         doubted = _checked(sequence, config, checked)
         found = (*passed_over, *(Note("doubtful", f"{f.subject}: {f.found}") for f in doubted))
-        sequence, measured = with_coarse_mounting(sequence, doubted)
-        found = (*found, *measured)
+        if checked and VEHICLES[config.vehicle.kind].holds_course:
+            sequence, measured = with_coarse_mounting(sequence, doubted)
+            found = (*found, *measured)
         read = time.perf_counter() - began
         _log.info("%s: read and checked in %.2f s", path, read)
         solution = navigate(sequence, config, report)
@@ -223,6 +224,13 @@ def _print_summary(
         entry[1] += 1
     for kind, (accepted, offered) in counts.items():
         print(f"  {kind:<11} {accepted} of {offered} updates used")
+    if (rtk := solution.resolution) is not None:
+        offered = max(rtk.fixed + rtk.floating + rtk.dgps + rtk.single, 1)
+        print(
+            f"  RTK         {rtk.fixed} fixed ({100.0 * rtk.fixed / offered:.0f} %), "
+            f"{rtk.floating} float, {rtk.dgps + rtk.single} without phase; ratio "
+            f"{rtk.ratio_median:.1f}"
+        )
     if solution.installation is not None:
         for line in (str(solution.installation), *solution.installation.antenna.lines()):
             print(f"  {line}")

@@ -143,7 +143,7 @@ def compare(
     runs: list[Run] = []
     total = len(calls)
     shared = list({id(sequence): sequence for *_, sequence in calls}.values())
-    what = f"{len(methods)} methods on {len(reference)} drives"
+    what = f"{len(methods)} methods on {len(reference)} drive{'s' if len(reference) > 1 else ''}"
     done = in_parallel(_carry_out, calls, jobs=jobs, scheduler=scheduler, shared=shared)
     for k, found in enumerate(done):
         runs += found

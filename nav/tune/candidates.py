@@ -48,9 +48,10 @@ class Candidate:
         return replace(base, gnss=replace(base.gnss, **changes))
 
 
-def weights_keys(noise: DopplerNoise) -> dict[str, float]:
+def weights_keys(noise: DopplerNoise) -> dict[str, Any]:
     """Return the keys of ``[gnss]`` that make a run use these σ, to three digits."""
     return {
+        "velocity_noise": "declared",
         "doppler_sigma_mps": float(f"{noise.sigma_45:.3g}"),
         "doppler_floor_mps": float(f"{noise.floor:.3g}"),
     }
@@ -76,6 +77,7 @@ def candidates(base: Config, snr: Iterable[float] = SNR, k: Iterable[float] = K)
     out = [Candidate("default"), ddia("paper: DDIA-VE, 40 dB-Hz, k 0.2", *PAPER)]
     for which, words in _WEIGHTS.items():
         out.append(Candidate(words, weights=which))
+    out.append(Candidate("Doppler noise as declared", (("velocity_noise", "declared"),)))
     for level in _CN0:
         out.append(Candidate(f"C/N0 > {level:g} dB-Hz", (("min_cn0_dbhz", level),)))
     weak = 30.0  # what is let in by a lower threshold is weighted for what it is

@@ -61,7 +61,9 @@ def settings_toml(found: Settings) -> str:
     ]
     for recording, fits in found.fits.items():
         for spread, words in (("mad", "undisturbed signals"), ("rms", "reflections included")):
-            keys = ", ".join(f"{k} = {v}" for k, v in weights_keys(fits[spread].noise).items())
+            keys = ", ".join(
+                f"{k} = {json.dumps(v)}" for k, v in weights_keys(fits[spread].noise).items()
+            )
             lines.append(f"# Doppler noise on {recording}, {words}: {keys}")
     lines += changed_toml(found.config)
     return "\n".join(line.replace("\n", " ") for line in lines) + "\n"

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from certnav.datasets.loading import load
+from certnav.datasets.own.declare import draft_declaration
 from certnav.datasets.receivers.bags import bag_table
-from certnav.filters.earth import ecef_to_lla
+from certnav.filters.earth import C_en_of, ecef_to_lla
 from certnav.filters.errors import ConfigError, DataError
 from oracles.seeds import seed_drive
 
@@ -39,7 +40,7 @@ position = ["latitude", "longitude", "altitude"]
 position_frame = "lla"
 angle_unit = "deg"
 height = "ellipsoid"
-position_variance = ["position_covariance.0", "position_covariance.4", "position_covariance.8"]
+position_variance = ["position_covariance.4", "position_covariance.0", "position_covariance.8"]
 """
 
 
@@ -106,6 +107,31 @@ def written(folder, kind, drive):
     return path
 
 
+def assert_enu(fixes):
+    """The message's covariance is east, north, up: 1, 4 and 9 m²."""
+    C_en = C_en_of(fixes.pos_e[0])
+    cov_n = C_en.T @ fixes.pos_cov_e[0] @ C_en
+    np.testing.assert_allclose(cov_n, np.diag([4.0, 1.0, 9.0]), atol=1e-6)
+
+
+def test_a_draft_knows_what_standard_messages_hold(tmp_path, drive):
+    """Of the declaration these tests use, the axes, the IMU and where it sits are left to say."""
+    path = written(tmp_path, "bag", drive)
+    draft = draft_declaration([path])
+    blanks = [line.split(" ")[0] for line in draft.splitlines() if '= "?"' in line]
+    assert blanks == ["axes", "preset", "lever_frd_m", "mounting_rpy_deg"]
+    answers = {
+        "axes": '"FRD"', "preset": '"adis16470"', "lever_frd_m": "[-0.65, -0.05, -0.15]",
+        "mounting_rpy_deg": "[0, 0, 0]",
+    }  # fmt: skip
+    for key, value in answers.items():
+        draft = draft.replace(f'{key} = "?"', f"{key} = {value}")
+    (tmp_path / "sequence.toml").write_text(draft)
+    found = load(tmp_path)
+    np.testing.assert_allclose(found.imu.gyro_b, drive.simulation.imu.gyro_b, atol=1e-15)
+    assert_enu(found.fixes)
+
+
 @pytest.mark.parametrize("kind", ["bag", "sqlite", "mcap"])
 def test_a_bag_gives_the_drive_it_was_written_from(tmp_path, drive, kind):
     path = written(tmp_path, kind, drive)
@@ -117,8 +143,7 @@ def test_a_bag_gives_the_drive_it_was_written_from(tmp_path, drive, kind):
     np.testing.assert_allclose(found.imu.accel_b, imu.accel_b, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.fixes.time, drive.fixes.time, rtol=0, atol=1e-6)
     np.testing.assert_allclose(found.fixes.pos_e, drive.fixes.pos_e, rtol=0, atol=1e-5)
-    spread = np.sort(np.linalg.eigvalsh(found.fixes.pos_cov_e[0]))
-    np.testing.assert_allclose(spread, [1.0, 4.0, 9.0], rtol=1e-6)
+    assert_enu(found.fixes)
 
 
 def test_what_is_missing_or_broken_is_one_line(tmp_path, drive):

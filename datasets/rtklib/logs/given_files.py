@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ....filters.errors import DataError
+from ...receivers.bags import is_bag, ublox_log
 from ...text.rinex_packing import plain_rinex
 from ...text.rinex_repair import without_mark
 from .raw_logs import is_raw_log, raw_log
@@ -38,7 +39,7 @@ def given_files(
     Parameters
     ----------
     observations : path
-        RINEX, packed or not, or a receiver's log (`raw_log`), packed or not.
+        RINEX, packed or not, a receiver's log (`raw_log`), packed or not, or a bag with one.
     navigation : iterable of path
         Likewise. None: the ephemerides in the log itself.
     near : float, optional
@@ -51,7 +52,7 @@ def given_files(
         these are asked of it.
     """
     notes: dict[str, None] = {}
-    plain = plain_rinex(observations)
+    plain = _plain(observations)
     own: Path | None = None
     if _is_log(plain):
         log = raw_log(plain, near)
@@ -59,7 +60,7 @@ def given_files(
         notes.update(dict.fromkeys(log.notes))
     found = []
     for name in navigation:
-        file = plain_rinex(name)
+        file = _plain(name)
         if _is_log(file):
             log = raw_log(file, near)
             notes.update(dict.fromkeys(log.notes))
@@ -74,6 +75,12 @@ def given_files(
     if not found and own is not None:
         found = [own]
     return GivenFiles(plain, tuple(found), tuple(notes))
+
+
+def _plain(name: str | Path) -> Path:
+    """Return a plain file of a packed one, or the raw log in a bag."""
+    path = Path(name)
+    return ublox_log(path) if path.exists() and is_bag(path) else plain_rinex(path)
 
 
 def _is_log(path: Path) -> bool:

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 _WEIGHT = 1.0 / 9.0
 #: How fast the velocity may have changed since the last position, 1σ [m/s²].
 _ACCELERATION = 3.0
+#: Velocity that can carry a position from longer ago, 1σ [m/s]: in a minute 60 m.
+_CARRIES = 1.0
 
 
 class CertifiedStart:
@@ -80,6 +82,12 @@ class CertifiedStart:
         message = made.message
         if made.passed and far:
             message += f"; but no GNSS position within {age:g} s to start from"
+        elif made.passed and made.alignment is not None and position is not None:
+            # Two or three satellites certify an attitude and leave the velocity along a line open.
+            sigma = float(np.sqrt(np.linalg.eigvalsh(made.alignment.cov[3:6, 3:6])[-1]))
+            far = made.time - position.time > POSITION_NEAR and sigma > _CARRIES
+            if far:
+                message += f"; but a velocity of ±{sigma:.3g} m/s carries no old position"
         self.attempts.append((made.time, message))
         self.say(message)
         if not made.passed or far:

@@ -44,7 +44,8 @@ def range_rate_noise(
     declared : DopplerNoise
         The middle of the prior.
     walk : float
-        The same of the clock [m/s/√s].
+        The largest of the clock [m/s/√s]: what is declared stands for any quartz, and what
+        satellites have in common beyond it is something else, a velocity that jerks.
     in_force : float
         Walk of the clock during the pass [m/s/√s].
     """
@@ -65,7 +66,7 @@ def range_rate_noise(
         )
 
     def walked(x: FloatArray) -> float:
-        return float(max(walk * np.exp(x[2]), steadiest))
+        return float(np.clip(walk * np.exp(x[2]), steadiest, walk))
 
     def cost(x: FloatArray) -> float:
         S = A + ((walked(x) ** 2 - in_force**2) * since)[:, None, None]

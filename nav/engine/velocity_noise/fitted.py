@@ -145,9 +145,11 @@ def _carried(course: Course, start: Start) -> tuple[VelocityErrors | None, tuple
         if abs(np.log(scale / before)) < _NEAR:
             break
     successive = lasts(epochs, scale / before)
-    factor = scale * np.sqrt(successive) if successive > _LASTING else scale
+    # Time stamps and the IMU make innovations last as well: it may take back what the fit has taken
+    # off the declared σ, but raises none.
+    factor = float(np.clip(scale * np.sqrt(successive), scale, max(scale, 1.0)))
     text = f"noise of velocities: {scale:.2g} times the declared σ"
-    if successive > _LASTING:
+    if successive > _LASTING and factor > scale:
         text += f", {successive:.2g} successive ones count as one: {factor:.2g} times in the filter"
     text += f" (fitted to {len(epochs)} velocities)"
     return VelocityErrors(factor=factor), plain([text])

@@ -390,6 +390,20 @@ def test_sidecar_declares_and_the_call_overrides(tmp_path):
     np.testing.assert_array_equal(drive.calibration.lever_antenna_b, [-0.65, -0.05, -0.15])
 
 
+def test_sidecar_says_how_well_its_values_are_known(tmp_path):
+    folder = write_drive(tmp_path / "d")
+    (folder / "great.toml").write_text(
+        "lever_antenna_frd_m = [0.1, 0.2, -0.3]\nlever_antenna_sigma_m = 0.2\n"
+        'reference_point = "imu"\nmounting_rpy_deg = [0.0, 1.0, 2.0]\nmounting_sigma_deg = 3\n'
+        "lever_vehicle_frd_m = [-1.0, 0.0, 0.5]\nlever_vehicle_sigma_m = 0.4\n"
+    )
+    found = read_great(folder).calibration
+    assert (found.lever_antenna_sigma, found.lever_vehicle_sigma) == (0.2, 0.4)
+    assert found.mounting_sigma == pytest.approx(np.radians(3.0))
+    # Of another arm, named in the call, the file's σ says nothing.
+    assert read_great(folder, GreatOptions(lever="figure")).calibration.lever_antenna_sigma == 0.0
+
+
 def test_sidecar_vectors_are_the_mems_imus_not_the_tactical_ones(tmp_path):
     folder = write_drive(tmp_path / "d", imu_name="IMU/Tactical_imu_data.txt")
     (folder / "great.toml").write_text(
@@ -410,6 +424,11 @@ def test_sidecar_vectors_are_the_mems_imus_not_the_tactical_ones(tmp_path):
         ("lever = [1, 2]", "three numbers"),
         ("lever = 'figure'\nlever_antenna_frd_m = [1, 2, 3]", "not both"),
         ("lever = ", "not readable as TOML"),
+        ("lever = 'figure'\nmounting_sigma_deg = 2", "without mounting_rpy_deg"),
+        (
+            "lever_antenna_frd_m = [1, 2, 3]\nlever_antenna_sigma_m = -1",
+            "lever_antenna_sigma_m: expected a number of 0 or more",
+        ),
         ("lever = 'figure'\nweek = 'x'", "week"),
         ("lever = 'figure'\nreference_point = 'antena'", "did you mean 'antenna'"),
         ("lever = 'figure'\nreference_body = 'car'", "reference_body"),

@@ -264,3 +264,100 @@ def test_a_base_in_rtcm_is_its_rinex(tmp_path, drive):
         dated.observations.read_text().partition("END OF")[2]
         == (log.observations.read_text().partition("END OF")[2])
     )
+
+
+def test_a_great_folder_with_the_receivers_log_needs_no_rinex(tmp_path, drive, epochs, ephemerides):
+    """The Septentrio's own SBF in GNSS/Rover, its ephemerides where there are no others."""
+    import shutil
+
+    folder = tmp_path / "drive"
+    shutil.copytree(drive.rover_file.parents[2], folder)
+    (folder / "GNSS/Rover" / drive.rover_file.name).unlink()
+    shutil.rmtree(folder / "GNSS/Product")
+    written(folder / "GNSS/Rover", "SEPT3010.sbf", logs.sbf_log(epochs, ephemerides, WAVELENGTH))
+    found = read_great(folder)
+    assert len(found.observations) == sum(len(rows) for _, rows in epochs)
+    assert [f.suffix for f in found.navigation] == [".nav"] and found.observations.usable.all()
+    assert found.rover_file.name == "SEPT3010.obs"
+
+
+RAWX = """float64 rcvTOW
+uint16 week
+int8 leapS
+uint8 numMeas
+uint8 recStat
+uint8 version
+uint8[2] reserved1
+ublox_msgs/RxmRAWX_Meas[] meas
+"""
+MEAS = """float64 prMes
+float64 cpMes
+float32 doMes
+uint8 gnssId
+uint8 svId
+uint8 reserved0
+uint8 freqId
+uint16 locktime
+int8 cno
+uint8 prStdev
+uint8 cpStdev
+uint8 doStdev
+uint8 trkStat
+uint8 reserved1
+"""
+SFRBX = """uint8 gnssId
+uint8 svId
+uint8 reserved0
+uint8 freqId
+uint8 numWords
+uint8 chn
+uint8 version
+uint8 reserved1
+uint32[] dwrd
+"""
+
+
+def test_a_bag_of_raw_messages_is_the_log_they_were(tmp_path, frames):
+    """ublox_msgs as the ROS driver writes them; the log that comes out is the one that went in."""
+    import struct
+
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    for text, name in ((MEAS, "RxmRAWX_Meas"), (RAWX, "RxmRAWX"), (SFRBX, "RxmSFRBX")):
+        store.register(get_types_from_msg(text, f"ublox_msgs/msg/{name}"))
+    kinds = {number: f"ublox_msgs/msg/{name}" for number, name in ((0x15, "RxmRAWX"),
+                                                                   (0x13, "RxmSFRBX"))}  # fmt: skip
+    with Writer(tmp_path / "raw.bag") as writer:
+        topics = {n: writer.add_connection(f"/ublox/{n}", k, typestore=store)
+                  for n, k in kinds.items()}  # fmt: skip
+        for k, frame in enumerate(frames):
+            number, body = frame[3], frame[6:-2]
+            make = store.types[kinds[number]]
+            if number == 0x15:
+                head = struct.unpack("<dHbBBB", body[:14])
+                meas = [
+                    store.types["ublox_msgs/msg/RxmRAWX_Meas"](
+                        *struct.unpack("<ddfBBBBHbBBBBB", body[at : at + 32])
+                    )
+                    for at in range(16, len(body), 32)
+                ]
+                message = make(*head, np.zeros(2, np.uint8), meas)
+            else:
+                words = np.frombuffer(body[8:], "<u4")
+                message = make(*body[:8], words)
+            raw = store.serialize_ros1(message, kinds[number])
+            writer.write(topics[number], 10**18 + k, raw)
+    log = written(tmp_path, "raw.ubx", frames)
+    expected, found = given_files(log), given_files(tmp_path / "raw.bag")
+    for mine, theirs in zip(found.navigation, expected.navigation, strict=True):
+        assert (
+            mine.read_bytes().partition(b"END OF")[2]
+            == (theirs.read_bytes().partition(b"END OF")[2])
+        )
+    assert (
+        found.observations.read_bytes().partition(b"END OF")[2]
+        == (expected.observations.read_bytes().partition(b"END OF")[2])
+    )

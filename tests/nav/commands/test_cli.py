@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -366,6 +367,29 @@ def test_real_recordings_run(name, limit, data_dir, tmp_path):
     outside = ("before alignment", "after the IMU data")
     missed = sum(velocity["rejected"].get(reason, 0) for reason in outside)
     assert velocity["accepted"] > 0.8 * (velocity["offered"] - missed)
+
+
+def test_a_run_measures_the_mounting_that_nobody_has_declared(drive, copy, tmp_path, capsys):
+    sidecar = copy / "great.toml"
+    kept = [line for line in sidecar.read_text().splitlines() if "_rpy" not in line]
+    sidecar.write_text("\n".join(line for line in kept if "lever_vehicle" not in line))
+    c, s = np.cos(np.radians(14.0)), np.sin(np.radians(14.0))
+
+    def tilted(rows):
+        for k in (1, 4):  # about the right axis; files are right, forward, up
+            rows[:, k + 1 : k + 3] = rows[:, k + 1 : k + 3] @ np.array([[c, s], [-s, c]])
+        return rows
+
+    imu_rows(copy, tilted)
+    command = ["run", str(copy), "--only", "pos", "--out"]
+    assert main([*command, str(tmp_path / "car")]) == 0
+    notes = (tmp_path / "car" / "summary.json").read_text()
+    assert notes.count("mounting not declared: measured") == 1
+    assert re.search("roll [-+][012]°, pitch -1[3-6]°, yaw", notes)  # a bias of 10 mg is 0.6°
+    for more in (["--unchecked"], ["--set", "vehicle.kind=boat"]):
+        assert main([*command, str(tmp_path / "other"), *more]) == 0
+        notes = (tmp_path / "other" / "summary.json").read_text()
+        assert "mounting not declared" not in notes
 
 
 def test_unchecked_means_it_in_readers_too(copy, tmp_path, capsys):

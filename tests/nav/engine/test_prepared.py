@@ -9,6 +9,7 @@ import pytest
 
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.filters.errors import AlignmentError
 from certnav.nav.config import Config
 from certnav.nav.engine import prepared as module
 from certnav.nav.engine.prepared import Prepared, plain_run
@@ -98,3 +99,44 @@ def test_a_start_knows_nothing_later_than_it_says(drive):
     assert again.state.time == start.state.time
     turned = np.degrees(np.arccos((np.trace(again.state.C_eb.T @ start.state.C_eb) - 1) / 2))
     assert turned < 0.01 and np.linalg.norm(again.state.pos_e - start.state.pos_e) < 1.0
+
+
+def _certified(drive, **changes):
+    alignment = dataclasses.replace(PLAIN.alignment, method="certified", **changes)
+    start, _ = Prepared(drive).start(dataclasses.replace(PLAIN, alignment=alignment))
+    return start
+
+
+def test_a_certified_start_carries_a_position_from_long_before(drive):
+    """Positions end while the vehicle stands: the window's own velocity takes the last one on."""
+    begin = drive.inertial.time[0]
+    fixes = drive.fixes.take(drive.fixes.time <= begin + 24.0)
+    silent = dataclasses.replace(fixes, vel_e=np.full_like(fixes.vel_e, np.nan))
+    few = dataclasses.replace(drive, fixes=silent)
+    few = _few_satellites_until(few, begin + 34.0)
+    with pytest.raises(AlignmentError, match=r"within 2\.5 s"):
+        _certified(few)
+    start = _certified(few, position_age_s=np.inf)
+    assert start.known > few.fixes.time[-1] + 2.5
+    truth = drive.reference
+    at = int(np.argmin(np.abs(truth.time - start.state.time)))
+    off = start.state.pos_e + start.state.C_eb @ truth.lever_b - truth.pos_e[at]
+    assert off @ np.linalg.solve(start.pos_cov_e, off) < 16.3  # χ² of 3, once in a thousand
+    before = int(np.argmin(np.abs(truth.time - few.fixes.time[-1])))
+    moved = np.linalg.norm(truth.pos_e[at] - truth.pos_e[before])
+    assert np.linalg.norm(off) < 0.1 * moved + 3.0 and moved > 10.0
+
+
+def _few_satellites_until(drive, time):
+    """Three of them, so that no velocity of least squares puts the start anywhere earlier."""
+    seen = drive.observations
+    names, count = np.unique(seen.sat[seen.usable], return_counts=True)
+    three = np.isin(seen.sat, names[np.argsort(-count)][:3])
+    return dataclasses.replace(drive, observations=seen.take(three | (seen.time > time)))
+
+
+def test_what_three_satellites_leave_open_carries_no_position(drive):
+    begin = drive.inertial.time[0]
+    few = dataclasses.replace(drive, fixes=drive.fixes.take(drive.fixes.time <= begin + 24.0))
+    with pytest.raises(AlignmentError, match="carries no old position"):
+        _certified(_few_satellites_until(few, np.inf), position_age_s=np.inf)
