@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 
 from ..datasets.observations import GnssObservations
 from ..filters.errors import ConfigError, DataError
@@ -126,6 +125,8 @@ def fit_doppler_noise(
         low[2], high[2] = decade_db - 1e-3, decade_db + 1e-3
         start[2] = decade_db
     start = np.clip(start, low + 1e-6, high - 1e-6)
+    from scipy.optimize import least_squares  # slow to import
+
     fit = least_squares(misfit, start, bounds=(low, high), loss="soft_l1", f_scale=0.1)
     floor, sigma_45, decade = np.exp(fit.x[0]), np.exp(fit.x[1]), fit.x[2]
     weakest = float(np.quantile(level, 0.1)) if unknown_cn0 is None else unknown_cn0
@@ -165,6 +166,8 @@ def fit_low_elevation(elevation: ArrayLike, normal: ArrayLike, *, bins: int = 8)
         return seen - p[0] - np.log1p(p[1] * share)
 
     start = [float(seen.min()), 0.5]
+    from scipy.optimize import least_squares  # slow to import
+
     fit = least_squares(misfit, start, bounds=([-20.0, 0.0], [20.0, 20.0]), loss="soft_l1",
                         f_scale=0.1)  # fmt: skip
     return float(fit.x[1])

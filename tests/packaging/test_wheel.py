@@ -78,7 +78,8 @@ def test_it_holds_one_package_with_every_module(wheel, tracked):
     assert {top for top in tops if not top.endswith(".dist-info")} == {"certnav"}
     sources = {name for name in tracked if name.suffix == ".py" and name.parts[0] not in BESIDE}
     installed = {name for name in names if name.parts[0] == "certnav"}
-    assert installed == {"certnav" / name for name in sources} | {Path("certnav/py.typed")}
+    data = {Path("certnav/py.typed"), Path("certnav/nav/page/page.js")}
+    assert installed == {"certnav" / name for name in sources} | data
     for folder in {name.parent for name in sources}:
         assert folder / "__init__.py" in sources
     assert {name.parts[0] for name in sources} == {"__init__.py", "lazy.py", *FOLDERS}

@@ -51,10 +51,11 @@ def test_an_error_that_no_test_sees_moves_the_solution_less_than_the_level(drive
     error, wider, told, _ = errors_and_levels(drives[1])
     assert not any("contradict" in note.text for note in told.notes)
     assert (error < wider).all()
-    # Levels of the sound drive would not have held it, and its own are no wider than it takes.
+    # Levels of the sound drive would not have held it, and where it is worst its own are no wider than it takes.
     assert (error > levels).any()
     assert error[:, 0].max() > 5.0 * sound[:, 0].max()
-    assert np.median(wider[:, 0]) < 10.0 * np.median(error[:, 0])
+    worst = int(error[:, 0].argmax())
+    assert wider[worst, 0] < 5.0 * error[worst, 0]
 
 
 def test_smoothed_levels_hold_and_switched_off_there_are_none(drives):
