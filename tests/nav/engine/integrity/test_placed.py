@@ -51,7 +51,8 @@ def test_an_error_that_no_test_sees_moves_the_solution_less_than_the_level(drive
     error, wider, told, _ = errors_and_levels(drives[1])
     assert not any("contradict" in note.text for note in told.notes)
     assert (error < wider).all()
-    # Levels of the sound drive would not have held it, and where it is worst its own are no wider than it takes.
+    # Levels of the sound drive would not have held it; where it is worst its own are no wider
+    # than it takes.
     assert (error > levels).any()
     assert error[:, 0].max() > 5.0 * sound[:, 0].max()
     worst = int(error[:, 0].argmax())
