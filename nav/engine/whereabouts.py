@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...alignment.anywhere.align import AnywhereAlignment, align_anywhere
-from ...alignment.anywhere.signals import Signals
 from ...alignment.local_velocity import (
     LocalTrack,
     inertial_track,
@@ -28,6 +27,9 @@ from ...filters.rotation import FloatArray
 from ...filters.strapdown import InertialStream
 from ..config import GnssConfig
 from .events import doppler_noise
+
+if TYPE_CHECKING:
+    from ...alignment.anywhere.align import AnywhereAlignment
 
 #: As far as a vehicle gets between a position and an instant without one [m/s].
 _FASTEST = 40.0
@@ -142,6 +144,9 @@ def _windows(
     config: GnssConfig,
 ) -> Iterator[AnywhereAlignment]:  # fmt: skip
     """Yield the alignments of windows of a recording in which it moves."""
+    from ...alignment.anywhere.align import align_anywhere  # slow to import, and rarely needed
+    from ...alignment.anywhere.signals import Signals
+
     signals = Signals.of(observations, doppler_noise(config))
     assert sequence.odometer is not None
     first = max(float(signals.time[0]), float(sequence.odometer.time[0]))

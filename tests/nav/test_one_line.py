@@ -27,7 +27,7 @@ def shown(drive, tmp_path):
     run = Run("lc4", "suburb", "@0", evaluation.metrics, spells=(spell,))
     score = Score(np.ones((21, 20)), np.ones((21, 20)), np.ones((21, 20)), 450)
     tuning = Tuning(
-        "velocity", np.arange(30.0, 51.0), np.arange(20.0), score, {"a": score, "b": score},
+        np.arange(30.0, 51.0), np.arange(20.0), score, {"a": score, "b": score},
         Screening(40.0, min_k=0.2), "the knee decided", None, np.ones((21, 20), bool), (),
         "time blocks", 0.31, 0.45, 0.4,
         {}, {},
