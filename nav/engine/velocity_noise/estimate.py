@@ -31,6 +31,8 @@ _OPTIONS = {"xatol": 0.01, "fatol": 0.05, "maxfev": 300}
 LEAST = 0.01
 #: The steadiest clock that is believed [m/s/√s]: a good quartz moved and warmed.
 STEADIEST = 0.02
+#: How many times the declared walk is looked at: it stands for any quartz.
+WILDEST = 20.0
 
 
 def range_rate_noise(
@@ -44,8 +46,7 @@ def range_rate_noise(
     declared : DopplerNoise
         The middle of the prior.
     walk : float
-        The largest of the clock [m/s/√s]: what is declared stands for any quartz, and what
-        satellites have in common beyond it is something else, a velocity that jerks.
+        Of the clock as declared, the middle of the prior [m/s/√s].
     in_force : float
         Walk of the clock during the pass [m/s/√s].
     """
@@ -66,7 +67,7 @@ def range_rate_noise(
         )
 
     def walked(x: FloatArray) -> float:
-        return float(np.clip(walk * np.exp(x[2]), steadiest, walk))
+        return float(np.clip(walk * np.exp(x[2]), steadiest, WILDEST * walk))
 
     def cost(x: FloatArray) -> float:
         S = A + ((walked(x) ** 2 - in_force**2) * since)[:, None, None]

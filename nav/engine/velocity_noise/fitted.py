@@ -22,6 +22,9 @@ from .estimate import lasts, range_rate_noise, velocity_scale
 _FEWEST = 60
 #: A scale beyond this is no noise: wrong units, time stamps, a lever arm.
 _LARGEST = 5.0
+#: A walk so many times the declared, which stands for any quartz, is of something else: what that
+#: is enters velocities too, lasts, and no white noise stands for it.
+_NO_CLOCK = 3.0
 #: Fewer than this count as one by chance.
 _LASTING = 1.5
 #: What the filter's own share was made with has been found by then to a tenth, or it is repeated.
@@ -99,9 +102,16 @@ def _raw(course: Course, start: Start) -> tuple[VelocityErrors | None, tuple[Not
         noise, walk = range_rate_noise(
             epochs, doppler_noise(declared), declared.clock_walk_mps, before.clock_walk_mps
         )
+        if walk > _NO_CLOCK * declared.clock_walk_mps:
+            why = (
+                f"satellites share what wanders by {walk:.2g} m/s/√s, which is no clock of "
+                f"{declared.clock_walk_mps:g}; gnss.clock_walk_mps, if it is one"
+            )
+            return None, _declared(why)
+        # Up to there it is the velocity that jerks: the clock is believed as far as declared.
         after = dataclasses.replace(
             declared, doppler_sigma_mps=noise.sigma_45, doppler_floor_mps=noise.floor,
-            clock_walk_mps=walk,
+            clock_walk_mps=min(walk, declared.clock_walk_mps),
         )  # fmt: skip
         fitted = _with(course, after)
         if np.abs(_logs(after) - _logs(before)).max() < _NEAR:

@@ -80,3 +80,9 @@ def test_scale_of_ready_made_velocities_and_how_many_count_as_one():
     assert velocity_scale(lasting) == pytest.approx(0.3, rel=0.15)
     assert lasts(white, 0.3) == pytest.approx(1.0, abs=0.25)
     assert lasts(lasting, 0.3) == pytest.approx(4.0, rel=0.3)
+
+
+def test_what_wanders_more_than_a_quartz_is_found_as_it_is():
+    """The walk is not held to what is declared: that it is none is said, not hidden."""
+    _, walk = range_rate_noise(epochs(300, TRUE, walk=0.6), DECLARED, 0.1, 0.1)
+    assert walk == pytest.approx(0.6, rel=0.3)
