@@ -110,7 +110,7 @@ def _of(kind: str, tested: list[Update], gate_probability: float) -> Iterator[st
             yield (
                 f"{kind}: from {clock(first)} to {clock(last)} innovations are "
                 f"{np.sqrt(ratio):.1f} times as large as their σ (RMS): the stated accuracy is too "
-                "good there, or time stamps are off; the solution's σ is as much too small"
+                "good there, or time stamps are off; the solution's σ may be too small by as much"
             )
 
 
