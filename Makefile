@@ -49,6 +49,9 @@ types: setup
 docs: setup            ## the documentation as a site, in site/: strict, no dead link
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 		$(if $(CONSTRAINTS),--constraint $(CONSTRAINTS)) --editable ".[docs]"
+	rm -rf .venv/documented && mkdir -p .venv/documented/certnav
+	for part in nav alignment velocity filters datasets __init__.py lazy.py; do \
+		ln -s "$(CURDIR)/$$part" .venv/documented/certnav/$$part; done
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 clean:
