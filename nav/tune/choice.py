@@ -124,7 +124,7 @@ def _jackknife(square: FloatArray, before: FloatArray, weight: FloatArray) -> tu
     left = ratio(a.sum() - a, b.sum() - b)
     count = square.size
     variance = (count - 1) / count * float(np.sum((left - left.mean()) ** 2))
-    return float(ratio(a.sum(), b.sum())), variance
+    return float(ratio(np.array(a.sum()), np.array(b.sum()))), variance
 
 
 def _between(recordings: list[str], values: list[float]) -> float:
