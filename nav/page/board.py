@@ -18,6 +18,7 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from bokeh.document import Document
 from bokeh.embed import components
 from bokeh.layouts import gridplot
 from bokeh.model import Model
@@ -201,6 +202,10 @@ class Board:
         """Return the page's body with its plots in place, and the scripts that draw them."""
         if not self._placed:
             return body, ""
+        document = Document()
+        with document.models.freeze():  # or all models are counted again with each plot
+            for model in self._placed:
+                document.add_root(model)
         script, places = components(tuple(self._placed), wrap_script=False)
         numbers: dict[str, str] = {}
         script = _renumbered(script, numbers)
