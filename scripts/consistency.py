@@ -132,7 +132,8 @@ def nees(
         ),
     }
     error = (found.error_rpy_aligned if judged.turned else found.error_rpy)[late, 2]
-    out["heading"] = error**2 / found.sigma_rpy[late, 2] ** 2
+    sigma = np.hypot(found.sigma_rpy[late, 2], np.radians(judged.heading))
+    out["heading"] = error**2 / sigma**2
     return out, float(np.mean(np.sum(found.error_pos_n[late] ** 2, axis=1)))
 
 
