@@ -1,9 +1,9 @@
-"""Interactive plots of a page: linked in time, with one look, carried by the page itself (Bokeh).
+"""Interactive plots that are linked in time.
 
-    board = Board(start=gps_time_of_the_recording, end=seconds)
+    board = Board(start=gps_time_of_the_recording, begin=0.0, end=seconds)
     plot = board.panel("north error [m]")
-    board.band(plot, t, low, high); board.line(plot, t, y, BLUE, "error")
-    page = document("…", board.fill(body + board.place([[plot]])), board.script())
+    board.band(plot, t, low, high, SKY); board.line(plot, t, y, BLUE, "error")
+    page = document("…", *board.fill(body + board.place([[plot]], "…")))
 
 All panels share one time axis, seconds since `start`; hovering tells GPS time and seconds of week
 as well. What a reader zooms to is the selected span: ``page.js`` writes its figures.
@@ -11,17 +11,10 @@ as well. What a reader zooms to is the selected span: ``page.js`` writes its fig
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
-from html import escape
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from bokeh.document import Document
-from bokeh.embed import components
-from bokeh.layouts import gridplot
-from bokeh.model import Model
 from bokeh.models import (
     BoxAnnotation,
     BoxSelectTool,
@@ -31,8 +24,6 @@ from bokeh.models import (
     CustomJS,
     CustomJSHover,
     HoverTool,
-    Legend,
-    LegendItem,
     PanTool,
     Range1d,
     ResetTool,
@@ -41,18 +32,15 @@ from bokeh.models import (
     WheelZoomTool,
 )
 from bokeh.plotting import figure
-from bokeh.resources import Resources
 
 from ...datasets.gpstime import to_calendar, to_week_sow
 from ...filters.rotation import FloatArray
 from .pictures import INK
-
-_FONT = '"Source Sans 3", "Segoe UI", "Helvetica Neue", Helvetica, Arial, sans-serif'
-_GRID, _AXIS, _QUIET = "#E4E7EB", "#A7AEB8", "#5B6673"
+from .plots import Plots, look
 
 
-class Board:
-    """The plots of one page.
+class Board(Plots):
+    """The plots of one page that is about a stretch of time.
 
     Parameters
     ----------
@@ -63,6 +51,7 @@ class Board:
     """
 
     def __init__(self, start: float, begin: float, end: float) -> None:
+        super().__init__()
         end = max(end, begin + 1e-3)
         self.start = start
         room = 0.01 * (end - begin)
@@ -71,7 +60,6 @@ class Board:
             name="time",
         )  # fmt: skip
         self._crosshair = Span(dimension="height", line_color=INK, line_alpha=0.5, line_width=1)
-        self._placed: list[Model] = []
         self._spans = 0
         self._clock = _clock(start)
 
@@ -158,86 +146,13 @@ class Board:
         right = left + np.array([w for _, w in spans])
         plot.vstrip(left, right, fill_color=colour, line_color=None, level="image")
 
-    @staticmethod
-    def legend(plot: figure, label: str, drawn: list[Any]) -> None:
-        """Name what was drawn, over the plot and out of its way."""
-        if not label:
-            return
-        if not plot.legend:
-            plot.add_layout(
-                Legend(
-                    orientation="horizontal", location="right", border_line_color=None,
-                    background_fill_alpha=0.0, padding=0, margin=0, spacing=14, glyph_width=16,
-                    label_text_font_size="12px", label_text_color=INK, label_text_font=_FONT,
-                    click_policy="hide", label_height=14, glyph_height=14,
-                ),
-                "above",
-            )  # fmt: skip
-        plot.legend[0].items.append(LegendItem(label=label, renderers=drawn))
-
     def place(self, rows: Sequence[Sequence[figure]], alt: str, stretch: bool = True) -> str:
-        """Return where in the page a grid of plots goes; `alt` says what they show.
-
-        Without `stretch` plots keep their size, where shape is what they show.
-        """
+        """Return where a grid of plots goes; the time axis has its name below the last of them."""
         for plot in rows[-1]:
             if plot.x_range is self.time:
                 plot.xaxis.axis_label = "time since start [s]"
                 plot.height += 18
-        model = (
-            gridplot(
-                [list(row) for row in rows], sizing_mode="stretch_width", merge_tools=True,
-                toolbar_location="above", toolbar_options={"logo": None},
-            )
-            if stretch
-            else rows[0][0]
-        )  # fmt: skip
-        self._placed.append(model)
-        return (
-            f'<div class="plot" role="img" aria-label="{escape(alt)}">'
-            f"<!--plot {len(self._placed) - 1}--></div>"
-        )
-
-    def fill(self, body: str) -> tuple[str, str]:
-        """Return the page's body with its plots in place, and the scripts that draw them."""
-        if not self._placed:
-            return body, ""
-        document = Document()
-        with document.models.freeze():  # or all models are counted again with each plot
-            for model in self._placed:
-                document.add_root(model)
-        script, places = components(tuple(self._placed), wrap_script=False)
-        numbers: dict[str, str] = {}
-        script = _renumbered(script, numbers)
-        for k, place in enumerate(places):
-            body = body.replace(f"<!--plot {k}-->", _renumbered(place, numbers))
-        library = Resources(mode="inline", components=["bokeh"]).render_js()
-        own = files(__package__).joinpath("page.js").read_text(encoding="utf-8")
-        return body, f"{library}\n<script>\n{own}\n{script}\n</script>"
-
-
-def look(plot: figure) -> None:
-    """Give a plot the look of all: quiet axes, light grid, letters that can be read."""
-    plot.background_fill_color = plot.border_fill_color = None
-    plot.outline_line_color = None
-    plot.title.text_font, plot.title.text_font_size = _FONT, "13px"
-    plot.title.text_color, plot.title.text_font_style = INK, "normal"
-    plot.axis.axis_label_text_font = plot.axis.major_label_text_font = _FONT
-    plot.axis.axis_label_text_font_style = "normal"
-    plot.axis.axis_label_text_font_size = plot.axis.major_label_text_font_size = "12px"
-    plot.axis.axis_label_text_color = plot.axis.major_label_text_color = _QUIET
-    plot.axis.axis_line_color = plot.axis.major_tick_line_color = _AXIS
-    plot.axis.minor_tick_line_color = None
-    plot.grid.grid_line_color = _GRID
-
-
-def _renumbered(text: str, numbers: dict[str, str]) -> str:
-    """Return a text in which Bokeh's identifiers, other in every run, count from one."""
-
-    def number(found: re.Match) -> str:
-        return f'"{numbers.setdefault(found[1], f"p{len(numbers) + 1}")}"'
-
-    return re.sub(r'"(p\d+|[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12})"', number, text)
+        return super().place(rows, alt, stretch)
 
 
 def _clock(start: float) -> CustomJSHover:

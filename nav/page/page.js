@@ -1,4 +1,4 @@
-// What a page does after it has been drawn: figures of the selected span, links, sorting.
+// What a page does after it has been drawn: span figures, links, sorting, series, keys.
 window.certnav = (() => {
   const read = (id) => {
     const tag = document.getElementById(id);
@@ -6,8 +6,10 @@ window.certnav = (() => {
   };
   const floats = (text, Kind) =>
     new Kind(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+  const documents = () => (typeof Bokeh === "undefined" ? [] : Bokeh.documents);
+  const models = () => documents().flatMap((doc) => [...doc._all_models.values()]);
   const model = (name) => {
-    for (const doc of Bokeh.documents) {
+    for (const doc of documents()) {
       const found = doc.get_model_by_name(name);
       if (found) return found;
     }
@@ -102,9 +104,8 @@ window.certnav = (() => {
       plot.y_range.setv({ start: low, end: high });
     }
   }
-  const plots = () => Bokeh.documents.flatMap((doc) =>
-    [...doc._all_models.values()].filter((m) => m.type === "Figure"
-      && m.x_range === range && m.renderers.some((r) => r.data_source?.tags?.includes("scale"))));
+  const plots = () => models().filter((m) => m.type === "Figure"
+    && m.x_range === range && m.renderers.some((r) => r.data_source?.tags?.includes("scale")));
 
   let waiting = null;
   function zoomed() {
@@ -153,7 +154,8 @@ window.certnav = (() => {
     const body = heading.closest("table").tBodies[0], column = heading.cellIndex;
     const up = heading.getAttribute("aria-sort") !== "ascending";
     const value = (row) => {
-      const text = row.cells[column]?.textContent.trim() ?? "", number = parseFloat(text);
+      const cell = row.cells[column], text = cell?.textContent.trim() ?? "";
+      const number = parseFloat(cell?.dataset.value ?? text.replace("−", "-").replaceAll(",", ""));
       return Number.isNaN(number) ? text : number;
     };
     [...body.rows].sort((a, b) => {
@@ -164,20 +166,77 @@ window.certnav = (() => {
     for (const other of heading.parentNode.cells) other.removeAttribute("aria-sort");
     heading.setAttribute("aria-sort", up ? "ascending" : "descending");
   }
+  // Everything drawn of a series, in all plots.
+  function show_series(button, on) {
+    button.setAttribute("aria-pressed", on);
+    const tag = `series:${button.dataset.series}`;
+    for (const m of models()) if (m.tags?.includes(tag)) m.visible = on;
+  }
+  // What the keys do to the plots below an element: zoom about the middle, move, or the whole.
+  const keys = { "+": [0.5, 0], "=": [0.5, 0], "-": [2, 0], ArrowLeft: [1, -0.25], ArrowRight: [1, 0.25] };
+  function press(event, place) {
+    const id = place.querySelector("[data-root-id]")?.dataset.rootId;
+    const root = documents().map((doc) => doc.get_model_by_id(id)).find(Boolean);
+    if (!root || (event.key !== "0" && !keys[event.key])) return;
+    event.preventDefault();
+    const shown = [...root.references()].filter((m) => m.type === "Figure");
+    if (range && shown.some((plot) => plot.x_range === range)) {
+      if (event.key === "0") clear(); else by(...keys[event.key])();
+    } else if (event.key === "0") {
+      for (const plot of shown) plot.reset.emit();
+    } else {
+      for (const axis of new Set(shown.map((plot) => plot.x_range)))
+        move(axis, shown.find((plot) => plot.x_range === axis).x_scale.type === "LogScale", ...keys[event.key]);
+    }
+  }
+  function move(axis, logarithmic, factor, shift) {
+    if (axis.type === "FactorRange") return;
+    const [there, back] = logarithmic ? [Math.log, Math.exp] : [(x) => x, (x) => x];
+    const [low, high] = [there(axis.start), there(axis.end)], width = high - low;
+    const middle = (low + high) / 2 + shift * width;
+    axis.setv({ start: back(middle - (factor * width) / 2), end: back(middle + (factor * width) / 2) });
+  }
+  const by = (factor, shift) => () => {
+    const middle = (range.start + range.end) / 2 + shift * (range.end - range.start);
+    const half = factor * (range.end - range.start) / 2;
+    const low = Math.min(Math.max(middle - half, whole[0]), Math.max(whole[1] - 2 * half, whole[0]));
+    zoom(low, low + 2 * half);
+  };
   function start() {
     for (const heading of document.querySelectorAll("table.sortable thead th")) {
       heading.tabIndex = 0;
       heading.addEventListener("click", () => sort(heading));
-      heading.addEventListener("keydown", (e) => { if (e.key === "Enter") sort(heading); });
+      heading.addEventListener("keydown", (e) => {
+        if (e.key !== "Enter" && e.key !== " ") return;
+        e.preventDefault();
+        sort(heading);
+      });
     }
+    for (const group of document.querySelectorAll(".switches")) {
+      const series = [...group.querySelectorAll("[data-series]")];
+      for (const button of series)
+        button.addEventListener("click", () =>
+          show_series(button, button.getAttribute("aria-pressed") !== "true"));
+      for (const every of group.querySelectorAll("[data-all]"))
+        every.addEventListener("click", () =>
+          series.forEach((button) => show_series(button, every.dataset.all === "true")));
+    }
+    for (const place of document.querySelectorAll(".plot"))
+      place.addEventListener("keydown", (e) => press(e, place));
     document.getElementById("track-colour")?.addEventListener("change", (e) => colour(e.target.value));
     document.getElementById("track-tiles")?.addEventListener("click", (e) => {
       const tiles = model("tiles");
       tiles.visible = !tiles.visible;
       e.target.setAttribute("aria-pressed", tiles.visible);
     });
+    // A finger scrolls the page; a mouse zooms.
+    if (matchMedia("(pointer: coarse)").matches)
+      for (const m of models()) if (m.type === "Toolbar") m.active_drag = null;
     range = model("time");
-    if (!range) return;
+    if (range) start_time();
+    document.body.dataset.ready = "yes";
+  }
+  function start_time() {
     [from, to] = [document.getElementById("span-from"), document.getElementById("span-to")];
     whole = [range.start, range.end];
     load();
@@ -189,12 +248,6 @@ window.certnav = (() => {
         shade(NaN, NaN);
         zoom(low, high);
       });
-    const by = (factor, shift) => () => {
-      const middle = (range.start + range.end) / 2 + shift * (range.end - range.start);
-      const half = factor * (range.end - range.start) / 2;
-      const low = Math.min(Math.max(middle - half, whole[0]), Math.max(whole[1] - 2 * half, whole[0]));
-      zoom(low, low + 2 * half);
-    };
     const actions = { "span-in": by(0.5, 0), "span-out": by(2, 0), "span-back": by(1, -0.5),
       "span-on": by(1, 0.5), "span-whole": clear };
     for (const [id, action] of Object.entries(actions))
@@ -208,17 +261,13 @@ window.certnav = (() => {
       });
     range.properties.start.change.connect(zoomed);
     range.properties.end.change.connect(zoomed);
-    // A finger scrolls the page; a mouse zooms.
-    if (matchMedia("(pointer: coarse)").matches)
-      for (const doc of Bokeh.documents)
-        for (const m of doc._all_models.values())
-          if (m.type === "Toolbar") m.active_drag = null;
     rescale();
     show(...whole);
-    document.body.dataset.ready = "yes";
   }
-  const ready = () =>
-    Bokeh.documents.length && !document.querySelector(".plot:empty") ? start() : setTimeout(ready, 30);
+  const ready = () => {
+    const drawn = !document.querySelector(".plot") || documents().length;
+    if (drawn && !document.querySelector(".plot:empty")) start(); else setTimeout(ready, 30);
+  };
   document.addEventListener("DOMContentLoaded", () => setTimeout(ready, 0));
   return { select, zoom, clear, point, colour, figures };
 })();

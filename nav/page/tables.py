@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from . import document
+from .quantities import quantity
 
 #: What LaTeX wants otherwise; letters of any language stay as they are.
 _LATEX = {
@@ -38,7 +39,8 @@ class Column:
     unit : str
         '' for none; of shares, which a page gives in per cent, '%'.
     digits : str
-        How a number is printed, as ``.2f``; '' prints values as they are.
+        How a number is printed, as ``.2f``; '3' prints three digits and no exponents, '' prints
+        values as they are.
     """
 
     title: str
@@ -56,6 +58,8 @@ class Column:
             return "–"
         if isinstance(value, str) or not self.digits:
             return str(value)
+        if self.digits == "3":
+            return quantity(float(value), "").replace("-", "−")  # type: ignore[arg-type]
         return format(value, self.digits).replace("-", "−")
 
 
@@ -82,8 +86,16 @@ class Table:
     words: int = 1
 
     def html(self) -> str:
-        """Return the table for a page."""
-        return document.table([c.heading for c in self.columns], self._texts(), self.words)
+        """Return the table for a page: sortable, to be saved as CSV and LaTeX."""
+        table = document.table(
+            [c.heading for c in self.columns], self._texts(), self.words, sortable=True,
+            values=[[_number(value) for value in row] for row in self.rows],
+        )  # fmt: skip
+        links = (
+            document.download(f"{self.name}.csv", self.csv(), "CSV"),
+            document.download(f"{self.name}.tex", self.latex(), "LaTeX"),
+        )
+        return f'{table}\n<p class="controls downloads">{" ".join(links)}</p>'
 
     def csv(self) -> str:
         """Return the table with every digit; nothing where nothing is known."""
@@ -118,6 +130,12 @@ class Table:
 def latex_text(text: str) -> str:
     """Return plain text as LaTeX sets it."""
     return "".join(_LATEX.get(letter, letter) for letter in text)
+
+
+def _number(value: object) -> float | None:
+    """Return what to sort by, where it is not what is shown."""
+    known = isinstance(value, float | int | np.floating | np.integer) and math.isfinite(value)
+    return float(value) if known else None  # type: ignore[arg-type]
 
 
 def _plain(value: object) -> object:

@@ -19,8 +19,9 @@ from bokeh.plotting import figure
 from ...filters.earth import ecef_to_lla
 from ...filters.rotation import FloatArray
 from ..evaluation.accuracy import standard_deviation, usable_at
-from ..page.board import Board, look
+from ..page.board import Board
 from ..page.pictures import BLUE, INK, ORANGE, VERMILLION
+from ..page.plots import look
 from ..results.directory import Result
 from ..results.formats import geodetic_and_ned
 from .coverage import gnss_state

@@ -7,10 +7,11 @@ from bokeh.models import ColumnDataSource, FactorRange, HoverTool, Label, Range1
 from bokeh.plotting import figure
 
 from ...filters.rotation import FloatArray
-from ..page.board import Board, look
+from ..page.board import Board
 from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
+from ..page.plots import look
+from ..page.thinning import thin
 from ..signals import UNUSED, Signals
-from .coverage import thin
 
 #: One colour a system; what is not named is grey.
 _SYSTEMS = {"G": BLUE, "R": VERMILLION, "E": GREEN, "C": ORANGE, "J": SKY}

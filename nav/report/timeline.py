@@ -12,11 +12,13 @@ from bokeh.plotting import figure
 from ...filters.rotation import FloatArray
 from ...filters.sensors import STANDARD_GRAVITY
 from ..evaluation.accuracy import rpy_covariance, standard_deviation
-from ..page.board import Board, look
+from ..page.board import Board
 from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
+from ..page.plots import look
+from ..page.thinning import pieces, runs, thin
 from ..results.directory import Result
 from ..results.formats import geodetic_and_ned
-from .coverage import age_of_position, gnss_state, pieces, runs, thin
+from .coverage import age_of_position, gnss_state
 
 #: Shading behind lines, by the GNSS states of `gnss_state`.
 SHADES = {1: "#FBE7BF", 2: "#DCDFE4"}
@@ -106,8 +108,9 @@ class Timeline:
             return []
         error = np.hypot(*evaluation.error_pos_n[:, :2].T)
         keep = _strongest(age, error)
-        plot = _free("time since the last accepted position [s]", "horizontal error [m]",
-                     "Drift: error over time since the last position")  # fmt: skip
+        plot = self.board.free("time since the last accepted position [s]", "horizontal error [m]",
+                               "Drift: error over time since the last position")  # fmt: skip
+        plot.x_range.start = 0
         source = ColumnDataSource({
             "age": age[keep], "error": error[keep], "t": evaluation.time[keep] - self.board.start,
         })  # fmt: skip
@@ -123,8 +126,9 @@ class Timeline:
         evaluation = self.result.evaluation
         if not evaluation.has_reference or evaluation.time.size < 10:
             return []
-        plot = _free("horizontal error [m]", "share of the time below [%]",
-                     "How often the error was below")  # fmt: skip
+        plot = self.board.free("horizontal error [m]", "share of the time below [%]",
+                               "How often the error was below")  # fmt: skip
+        plot.x_range.start = 0
         share = np.linspace(0.0, 100.0, 401)
         error = np.hypot(*evaluation.error_pos_n[:, :2].T)
         source = ColumnDataSource({"x": np.percentile(error, share), "y": share})
@@ -290,16 +294,6 @@ def _fate(accepted: bool, reason: str) -> str:
 
 def _level(at: float) -> Span:
     return Span(location=at, dimension="width", line_color=INK, line_dash="dashed", line_width=1)
-
-
-def _free(x: str, y: str, title: str) -> figure:
-    """Return a plot that is not over time."""
-    plot = figure(height=300, sizing_mode="stretch_width", title=title, min_border_left=58,
-                  tools="box_zoom,pan,wheel_zoom,reset,save", toolbar_location=None)  # fmt: skip
-    look(plot)
-    plot.xaxis.axis_label, plot.yaxis.axis_label = x, y
-    plot.x_range.start = 0
-    return plot
 
 
 def _finite(values: FloatArray) -> FloatArray:
