@@ -35,6 +35,7 @@ from bokeh.plotting import figure
 
 from ...datasets.gpstime import to_calendar, to_week_sow
 from ...filters.rotation import FloatArray
+from ..notes import times_in
 from .pictures import INK
 from .plots import Plots, look
 
@@ -145,6 +146,30 @@ class Board(Plots):
         left = np.array([a for a, _ in spans])
         right = left + np.array([w for _, w in spans])
         plot.vstrip(left, right, fill_color=colour, line_color=None, level="image")
+
+    def button(self, text: str) -> str:
+        """Return a button that shows the span whose times a text names; '' where it names none."""
+        times = [time - self.start for time in times_in(text, self.start)]
+        if not times:
+            return ""
+        return (
+            f' <button type="button" data-from="{min(times):.2f}" data-to="{max(times):.2f}">'
+            "show</button>"
+        )
+
+    @staticmethod
+    def zooming() -> str:
+        """Return the controls of the time axis of all plots, for mouse and keyboard."""
+        return (
+            "<label>Selected span, s since start: "
+            '<input id="span-from" type="number" step="any" aria-label="from"></label> … '
+            '<input id="span-to" type="number" step="any" aria-label="to"> '
+            '<button type="button" id="span-back" aria-label="earlier">◀</button>'
+            '<button type="button" id="span-on" aria-label="later">▶</button>'
+            '<button type="button" id="span-in" aria-label="zoom in">+</button>'
+            '<button type="button" id="span-out" aria-label="zoom out">−</button>'
+            '<button type="button" id="span-whole">whole</button>'
+        )
 
     def place(self, rows: Sequence[Sequence[figure]], alt: str, stretch: bool = True) -> str:
         """Return where a grid of plots goes; the time axis has its name below the last of them."""

@@ -29,13 +29,17 @@ p { margin: 4px 0 10px; max-width: 90ch; }
 .split { display: grid; grid-template-columns: minmax(0, 720px) minmax(0, 1fr); gap: 32px; }
 .wide td.n { white-space: nowrap; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 14px; }
-th, td { padding: 4px 14px 4px 0; text-align: left; vertical-align: top;
+th, td { padding: 4px 12px 4px 0; text-align: left; vertical-align: top;
   border-bottom: 1px solid var(--rule); }
 thead th { color: var(--quiet); font-weight: 600; font-size: 13px; }
 tbody th { font-weight: 400; }
-td.n, th.n { text-align: right; padding-left: 10px; }
+td.n, th.n { text-align: right; padding: 4px 8px 4px 6px; }
 .split table { width: 100%; }
-.wide { overflow-x: auto; max-width: 100%; }
+.wide { overflow-x: auto; max-width: 100%;  /* a shadow where more is to the right or left */
+  background: linear-gradient(90deg, #fff 30%, #fff0) 0 0, linear-gradient(270deg, #fff 30%, #fff0)
+    100% 0, linear-gradient(90deg, #1f293326, #1f293300) 0 0, linear-gradient(270deg, #1f293326,
+    #1f293300) 100% 0; background-repeat: no-repeat; background-size: 40px 100%, 40px 100%,
+    14px 100%, 14px 100%; background-attachment: local, local, scroll, scroll; }
 table.sortable thead th { cursor: pointer; }
 table.sortable thead th[aria-sort="ascending"]::after { content: " ▲"; font-size: 9px; }
 table.sortable thead th[aria-sort="descending"]::after { content: " ▼"; font-size: 9px; }
@@ -43,7 +47,8 @@ table.sortable thead th[aria-sort="descending"]::after { content: " ▼"; font-s
 .plot { margin: 6px 0 0; overflow: hidden; }
 .cells { display: grid; gap: 10px 20px;
   grid-template-columns: repeat(var(--columns, 1), minmax(0, 1fr)); }
-.switches { margin: 10px 0; }
+.switches { margin: 10px 0; position: sticky; top: 0; z-index: 20; background: #fffffff0;
+  padding: 6px 0; }
 .switches svg { margin-right: 6px; vertical-align: middle; }
 button[data-series][aria-pressed="true"] { background: #fff; color: var(--ink); }
 button[data-series][aria-pressed="false"] { color: var(--quiet); border-style: dashed;
@@ -69,7 +74,8 @@ summary { cursor: pointer; }
 @media (max-width: 600px) {
   main { padding: 16px 12px 40px; } h1 { font-size: 24px; overflow-wrap: anywhere; }
   .verdict { font-size: 16px; } .cards { grid-template-columns: 1fr 1fr; }
-  th, td { padding-right: 8px; } .span { position: static; }
+  th, td { padding-right: 8px; } .span, .switches { position: static; }
+  .wide table tbody th { min-width: 7.5em; overflow-wrap: anywhere; }
 }
 @media print {
   main { max-width: none; padding: 0; } body { font-size: 10.5pt; }
@@ -143,5 +149,5 @@ def download(name: str, content: str, label: str) -> str:
 
 def files_beside(names: Iterable[str]) -> str:
     """Return links to files that lie beside the page."""
-    links = ", ".join(f'<a href="{escape(n)}" download>{escape(n)}</a>' for n in names)
+    links = " ".join(f'<a href="{escape(n)}" download>{escape(n)}</a>' for n in names)
     return f'<p class="controls downloads">Beside this page: {links}</p>'

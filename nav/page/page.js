@@ -202,7 +202,18 @@ window.certnav = (() => {
     const low = Math.min(Math.max(middle - half, whole[0]), Math.max(whole[1] - 2 * half, whole[0]));
     zoom(low, low + 2 * half);
   };
+  // Names of what was drawn that do not fit beside each other go below each other.
+  function wrap_legends() {
+    for (const legend of models()) {
+      if (legend.type !== "Legend" || legend.orientation !== "horizontal") continue;
+      const wide = legend.items.map((item) => 44 + 7 * String(item.label.value ?? item.label).length);
+      const room = Math.min(window.innerWidth, 1168) - 90, all = wide.reduce((sum, w) => sum + w, 0);
+      if (all > room)
+        legend.ncols = Math.max(1, Math.min(wide.length - 1, Math.floor(room / Math.max(...wide))));
+    }
+  }
   function start() {
+    wrap_legends();
     for (const heading of document.querySelectorAll("table.sortable thead th")) {
       heading.tabIndex = 0;
       heading.addEventListener("click", () => sort(heading));

@@ -18,7 +18,7 @@ from typing import Any
 from bokeh.embed import components
 from bokeh.layouts import gridplot
 from bokeh.model import Model
-from bokeh.models import CustomJS, Legend, LegendItem
+from bokeh.models import CustomJS, HoverTool, Legend, LegendItem
 from bokeh.plotting import figure
 from bokeh.resources import Resources
 
@@ -44,7 +44,7 @@ class Plots:
         """Return an empty plot with axes of its own; a double click shows the whole again."""
         options = {"min_border_left": 58} | options
         plot = figure(
-            height=height, sizing_mode="stretch_width", title=title or None,
+            height=height, sizing_mode="stretch_width", title=title,
             tools="box_zoom,pan,wheel_zoom,reset,save", **options,
         )  # fmt: skip
         look(plot)
@@ -69,6 +69,11 @@ class Plots:
                 "above",
             )  # fmt: skip
         plot.legend[0].items.append(LegendItem(label=label, renderers=drawn))
+
+    @staticmethod
+    def tell(plot: figure, drawn: Any, *lines: tuple[str, str]) -> None:
+        """Let the pointer over what was drawn tell of it: pairs of a name and a Bokeh template."""
+        plot.add_tools(HoverTool(renderers=[drawn], tooltips=list(lines), visible=False))
 
     @staticmethod
     def series(name: str, drawn: Iterable[Any]) -> None:

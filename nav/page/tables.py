@@ -91,11 +91,14 @@ class Table:
             [c.heading for c in self.columns], self._texts(), self.words, sortable=True,
             values=[[_number(value) for value in row] for row in self.rows],
         )  # fmt: skip
-        links = (
-            document.download(f"{self.name}.csv", self.csv(), "CSV"),
-            document.download(f"{self.name}.tex", self.latex(), "LaTeX"),
-        )
-        return f'{table}\n<p class="controls downloads">{" ".join(links)}</p>'
+        return f'{table}\n<p class="controls downloads">{self.links(latex=True)}</p>'
+
+    def links(self, latex: bool = False) -> str:
+        """Return links that save the table as CSV and, with `latex`, as LaTeX."""
+        links = [document.download(f"{self.name}.csv", self.csv(), "CSV")]
+        if latex:
+            links.append(document.download(f"{self.name}.tex", self.latex(), "LaTeX"))
+        return " ".join(links)
 
     def csv(self) -> str:
         """Return the table with every digit; nothing where nothing is known."""

@@ -10,7 +10,6 @@ import numpy as np
 from ...datasets.gpstime import to_calendar, to_week_sow
 from ...datasets.placing import write_file
 from ..evaluation.accuracy import normalised_nis
-from ..notes import times_in
 from ..page import document
 from ..page.board import Board
 from ..page.quantities import duration, length, quantity
@@ -18,7 +17,7 @@ from ..results.directory import Result, read_result
 from .bounds import protection, separation
 from .map import track_map
 from .sky import Sky
-from .span import span_controls, span_table
+from .span import span_table
 from .timeline import Timeline, start_up
 from .verdict import coverage, gate_activity, verdict
 
@@ -43,9 +42,9 @@ def build_report(result: Result) -> str:
             f"<h1>{escape(result.name)}</h1>",
             f'<p class="meta">{escape(_provenance(result))}</p>',
             _verdict(result),
-            _doubts(result, start),
+            _doubts(result, board),
             _cards(result),
-            span_controls(),
+            f'<p class="controls span">{board.zooming()}</p>',
             _track_section(result, board),
             _satellite_section(result, board, panels),
             _section("Position", board, panels.position(), _position_caption(result)),
@@ -72,20 +71,14 @@ def _verdict(result: Result) -> str:
     return f'<p class="verdict"><strong>{first}</strong> {" ".join(rest)}</p>'
 
 
-def _doubts(result: Result, start: float) -> str:
+def _doubts(result: Result, board: Board) -> str:
     """Return the notes that speak against the run, each with a link to the span it is about."""
-    lines = []
-    for note in result.solution.notes:
-        if note.doubtful:
-            times = [t - start for t in times_in(note.text, result.solution.trajectory.time[0])]
-            button = ""
-            if times:
-                button = (
-                    f' <button type="button" data-from="{min(times):.2f}" '
-                    f'data-to="{max(times):.2f}">show</button>'
-                )
-            lines.append(f"<li>{escape(note.text)}{button}</li>")
-    return f'<ul class="doubts">{"".join(lines)}</ul>' if lines else ""
+    lines = "".join(
+        f"<li>{escape(note.text)}{board.button(note.text)}</li>"
+        for note in result.solution.notes
+        if note.doubtful
+    )
+    return f'<ul class="doubts">{lines}</ul>' if lines else ""
 
 
 def _provenance(result: Result) -> str:

@@ -76,20 +76,6 @@ def span_table(result: Result, start: float) -> str:
     )
 
 
-def span_controls() -> str:
-    """Return the controls of the time axis of all plots, for mouse and keyboard."""
-    return (
-        '<p class="controls span"><label>Selected span, s since start: '
-        '<input id="span-from" type="number" step="any" aria-label="from"></label> … '
-        '<input id="span-to" type="number" step="any" aria-label="to"> '
-        '<button type="button" id="span-back" aria-label="earlier">◀</button>'
-        '<button type="button" id="span-on" aria-label="later">▶</button>'
-        '<button type="button" id="span-in" aria-label="zoom in">+</button>'
-        '<button type="button" id="span-out" aria-label="zoom out">−</button>'
-        '<button type="button" id="span-whole">whole run</button></p>'
-    )
-
-
 def _judged(result: Result) -> tuple[FloatArray, dict[str, FloatArray], tuple]:
     e = result.evaluation
     horizontal = np.hypot(e.error_pos_n[:, 0], e.error_pos_n[:, 1])
