@@ -52,6 +52,12 @@ def clock(time: float) -> str:
 
 
 def times_in(text: str, near: float) -> list[float]:
-    """Return the GPS times that `clock` wrote into a text [s], in the week of `near`."""
+    """Return the GPS times that `clock` wrote into a text [s], in the week of `near`.
+
+    Where there is no date they look like durations: what follows 'from', 'to', 'at' or 'until'
+    with its two decimals is a time.
+    """
     week = int(near // SECONDS_PER_WEEK) * SECONDS_PER_WEEK
+    if week == 0:
+        return [float(t) for t in re.findall(r"\b(?:from|to|at|until) (\d+\.\d\d) s\b", text)]
     return [week + float(sow) for sow in re.findall(r"SOW (\d+(?:\.\d+)?)", text)]

@@ -94,19 +94,15 @@ def _contents(report: Report) -> str:
 
 
 def _numbers(report: Report) -> str:
-    rows = tuple(
-        (f.subject, name, value, f.severity) for f in report.findings for name, value in
-        f.numbers.items()
-    )  # fmt: skip
+    rows = tuple((f.subject, *number) for f in report.findings for number in f.numbers.items())
     if not rows:
         return ""
-    columns = (
-        Column("finding"),
-        Column("quantity"),
-        Column("value", "", ".5g"),
-        Column("which is"),
+    columns = (Column("finding"), Column("quantity"), Column("value", "", ".4g"))
+    table = Table("check", "Figures of a check", columns, rows, words=2)
+    return (
+        "<h2>Figures</h2>\n<details><summary>All figures of the findings</summary>"
+        f"{table.html()}</details>"
     )
-    return f"<h2>Figures</h2>\n{Table('check', 'Figures of a check', columns, rows, 2).html()}"
 
 
 def _plots(sequence: Sequence, board: Board) -> str:
