@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--reports", action="store_true",
-        help="draw the report of every run, too: most of the time (certnav report DIR draws one)",
+        help="draw the report of every run, too: most of the time",
     )  # fmt: skip
     parser.add_argument(
         "--unchecked", action="store_true", help="compare even if the data contradict physics"

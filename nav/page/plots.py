@@ -15,6 +15,7 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
+from bokeh.document import Document
 from bokeh.embed import components
 from bokeh.layouts import gridplot
 from bokeh.model import Model
@@ -133,6 +134,10 @@ class Plots:
         own = files(__package__).joinpath("page.js").read_text(encoding="utf-8")
         if not self._placed:
             return body, f"<script>\n{own}\n</script>"
+        document = Document()
+        with document.models.freeze():  # or all models are counted again with each plot
+            for model in self._placed:
+                document.add_root(model)
         script, places = components(tuple(self._placed), wrap_script=False)
         numbers: dict[str, str] = {}
         script = _renumbered(script, numbers)
