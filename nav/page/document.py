@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from html import escape
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from matplotlib.figure import Figure
 
@@ -79,6 +79,18 @@ summary { cursor: pointer; }
 """
 
 
+class Link(NamedTuple):
+    """A cell of a table, or a word, that leads somewhere."""
+
+    text: str
+    address: str
+
+    @property
+    def html(self) -> str:
+        """As it stands in a page."""
+        return f'<a href="{escape(self.address, quote=True)}">{escape(self.text)}</a>'
+
+
 def document(title: str, body: str, scripts: str = "") -> str:
     """Return one HTML page that loads nothing from anywhere; `title` is plain text."""
     return (
@@ -112,7 +124,8 @@ def table(
 
     def cell(tag: str, k: int, value: object) -> str:
         kind = ' class="n"' if k >= numbers_from else ""
-        return f"<{tag}{kind}>{escape(str(value))}</{tag}>"
+        shown = value.html if isinstance(value, Link) else escape(str(value))
+        return f"<{tag}{kind}>{shown}</{tag}>"
 
     head = "".join(cell("th", k, text) for k, text in enumerate(headings))
     lines = (

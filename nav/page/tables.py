@@ -83,7 +83,7 @@ class Table:
 
     def html(self) -> str:
         """Return the table for a page."""
-        return document.table([c.heading for c in self.columns], self._texts(), self.words)
+        return document.table([c.heading for c in self.columns], self.texts(), self.words)
 
     def csv(self) -> str:
         """Return the table with every digit; nothing where nothing is known."""
@@ -97,7 +97,7 @@ class Table:
         """Return the table as a float for LaTeX with booktabs."""
         kinds = "l" * self.words + "r" * (len(self.columns) - self.words)
         head = " & ".join(latex_text(column.heading) for column in self.columns)
-        body = "\n".join(" & ".join(map(latex_text, row)) + r" \\" for row in self._texts())
+        body = "\n".join(" & ".join(map(latex_text, row)) + r" \\" for row in self.texts())
         label = re.sub(r"[^A-Za-z0-9]+", "-", self.name)
         return (
             "\\begin{table}\n\\centering\n"
@@ -111,7 +111,8 @@ class Table:
         (folder / f"{self.name}.csv").write_text(self.csv(), encoding="utf-8")
         (folder / f"{self.name}.tex").write_text(self.latex(), encoding="utf-8")
 
-    def _texts(self) -> list[list[str]]:
+    def texts(self) -> list[list[str]]:
+        """Return the rows as they are printed."""
         return [[c.text(v) for c, v in zip(self.columns, row, strict=True)] for row in self.rows]
 
 
