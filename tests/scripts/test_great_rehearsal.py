@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from certnav.datasets.great.asking import asked
 from certnav.datasets.great.reader import SIMULATED
 from certnav.datasets.loading import load
 from certnav.filters.earth import ecef_to_lla
@@ -104,8 +105,7 @@ def test_a_day_s_file_is_cut_to_each_sequence(rehearsal, tmp_path):
     (tmp_path / "answers.toml").write_text(rehearsal.ANSWERS)
     command = ["datasets", "import", str(tmp_path / "downloads" / "campus-01-IMU.zip")]
     assert certnav([*command, *map(str, found), "--to", str(site / "data")]) == 0
-    asking = pytest.importorskip("certnav.datasets.great.asking")
-    asking.asked(site / "data", tmp_path / "answers.toml")
+    asked(site / "data", tmp_path / "answers.toml")
     first, third = (load(site / "data" / f"Dataset_{p.name}") for p in chosen)
     for drive, tunnel in ((first, 0), (third, 5)):
         begin, end = drive.span
@@ -126,10 +126,10 @@ def test_one_recording_that_fails_costs_the_others_nothing(rehearsal, tmp_path, 
         "great", str(tmp_path / "downloads"), "--out", str(site), "--declared",
         str(tmp_path / "answers.toml"), "--skip", "tune,compare", *FEW,
     ]  # fmt: skip
-    broken = site / "data" / "Dataset_suburb-01" / "IMU" / "MEMS_imu_data.txt"
     assert certnav([*command[:-2], "--jobs", "0"]) == 1 and not site.exists()
-    certnav(["datasets", "import", *map(str, sorted((tmp_path / "downloads").rglob("*.*"))),
-             "--to", str(site / "data")])  # fmt: skip
+    archives = [str(file) for file in sorted((tmp_path / "downloads").rglob("*.*"))]
+    assert certnav(["datasets", "import", *archives, "--to", str(site / "data")]) == 0
+    broken = site / "data" / "Dataset_suburb-01" / "IMU" / "MEMS_imu_data.txt"
     broken.write_text("".join(broken.read_text().splitlines(keepends=True)[:40]))
     capsys.readouterr()
     assert certnav(["great", "--data", str(site / "data"), *command[2:]]) == 1

@@ -172,3 +172,13 @@ def test_noise_off_by_more_than_two_is_said_and_not_doubted(factor, says):
     assert ("off by a factor " in of_gyro.found) is says
     assert ("certnav allan" in of_gyro.remedy) is says
     assert not of_accel.remedy
+
+
+def test_less_than_a_second_is_fatal_and_nothing_else_is_said():
+    from certnav.datasets.sequence import Calibration, Sequence
+    from certnav.nav.check.inertial import inertial_findings
+
+    data = imu(seconds=0.4)
+    calibration = Calibration(imu_preset("tactical"), np.zeros(3), "declared")
+    (found,) = inertial_findings(Sequence("short", imu=data, calibration=calibration), None)
+    assert found.severity == "fatal" and "40 rows" in found.found
