@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from certnav.datasets.series import ImuData
 from certnav.filters.sensors import STANDARD_GRAVITY, imu_preset
-from certnav.nav.check.inertial import frozen, gravity, noise, sampling, saturated
+from certnav.nav.check.inertial import frozen, gravity, inertial_findings, noise, sampling, saturated
 from certnav.velocity.tracks import Track
 
 RATE = 100.0
@@ -175,10 +176,6 @@ def test_noise_off_by_more_than_two_is_said_and_not_doubted(factor, says):
 
 
 def test_less_than_a_second_is_fatal_and_nothing_else_is_said():
-    from certnav.datasets.sequence import Calibration, Sequence
-    from certnav.nav.check.inertial import inertial_findings
-
-    data = imu(seconds=0.4)
-    calibration = Calibration(imu_preset("tactical"), np.zeros(3), "declared")
-    (found,) = inertial_findings(Sequence("short", imu=data, calibration=calibration), None)
+    drive = SimpleNamespace(inertial=imu(seconds=0.4))
+    (found,) = inertial_findings(drive, None)
     assert found.severity == "fatal" and "40 rows" in found.found
