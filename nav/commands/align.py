@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> None:
     from ..windows.options import WindowOptions
     from ..windows.recording import align_recording
     from ..windows.report import as_dict, draw, table, write_proofs
-    from .navigation import checked_load
+    from .flow.navigation import checked_load
 
     options = WindowOptions(
         window=arguments.window,

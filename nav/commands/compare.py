@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> None:
     from ..compare.report import check_replaceable, write_page
     from ..config_files import load_config
     from ..spells.outages import parse_outages
-    from .navigation import checked_load
+    from .flow.navigation import checked_load
     from .terminal.progress import progress
 
     _check(arguments)

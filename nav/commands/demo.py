@@ -22,7 +22,7 @@ def run(arguments: argparse.Namespace) -> None:
     from ...datasets.great.writer import simulate_folder
     from ...datasets.simulation.simulator import SimulationConfig
     from ..config import Config
-    from .navigation import navigate_folder
+    from .flow.navigation import navigate_folder
 
     out: Path = arguments.out
     drive = out.parent / f"{out.name}-drive"

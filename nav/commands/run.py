@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ...filters.errors import ConfigError
     from ..config_files import load_config
     from ..results.formats import parse_formats
-    from .navigation import navigate_folder
+    from .flow.navigation import navigate_folder
 
     smooth = ["filter.smooth=true"] if arguments.smooth else []
     config = load_config(arguments.config, [*arguments.set, *smooth])

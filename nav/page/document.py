@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable, Sequence
 from html import escape
+from typing import NamedTuple
 
 _STYLE = """
 :root { --ink: #1f2933; --quiet: #5b6673; --rule: #dfe3e8; --accent: #0072b2; }
@@ -85,6 +86,18 @@ summary { cursor: pointer; }
 """
 
 
+class Link(NamedTuple):
+    """A cell of a table, or a word, that leads somewhere."""
+
+    text: str
+    address: str
+
+    @property
+    def html(self) -> str:
+        """As it stands in a page."""
+        return f'<a href="{escape(self.address, quote=True)}">{escape(self.text)}</a>'
+
+
 def document(title: str, body: str, scripts: str = "") -> str:
     """Return one HTML page that loads nothing from anywhere; `title` is plain text."""
     return (
@@ -120,7 +133,8 @@ def table(
     def cell(tag: str, k: int, shown: object, value: object = None) -> str:
         kind = ' class="n"' if k >= numbers_from else ""
         by = f' data-value="{float(value)!r}"' if isinstance(value, float | int) else ""
-        return f"<{tag}{kind}{by}>{escape(str(shown))}</{tag}>"
+        text = shown.html if isinstance(shown, Link) else escape(str(shown))
+        return f"<{tag}{kind}{by}>{text}</{tag}>"
 
     def line(number: int, row: Sequence[object]) -> str:
         by = values[number] if values else (None,) * len(row)

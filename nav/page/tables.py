@@ -88,7 +88,7 @@ class Table:
     def html(self) -> str:
         """Return the table for a page: sortable, to be saved as CSV and LaTeX."""
         table = document.table(
-            [c.heading for c in self.columns], self._texts(), self.words, sortable=True,
+            [c.heading for c in self.columns], self.texts(), self.words, sortable=True,
             values=[[_number(value) for value in row] for row in self.rows],
         )  # fmt: skip
         return f'{table}\n<p class="controls downloads">{self.links(latex=True)}</p>'
@@ -112,7 +112,7 @@ class Table:
         """Return the table as a float for LaTeX with booktabs."""
         kinds = "l" * self.words + "r" * (len(self.columns) - self.words)
         head = " & ".join(latex_text(column.heading) for column in self.columns)
-        body = "\n".join(" & ".join(map(latex_text, row)) + r" \\" for row in self._texts())
+        body = "\n".join(" & ".join(map(latex_text, row)) + r" \\" for row in self.texts())
         label = re.sub(r"[^A-Za-z0-9]+", "-", self.name)
         return (
             "\\begin{table}\n\\centering\n"
@@ -126,7 +126,8 @@ class Table:
         (folder / f"{self.name}.csv").write_text(self.csv(), encoding="utf-8")
         (folder / f"{self.name}.tex").write_text(self.latex(), encoding="utf-8")
 
-    def _texts(self) -> list[list[str]]:
+    def texts(self) -> list[list[str]]:
+        """Return the rows as they are printed."""
         return [[c.text(v) for c, v in zip(self.columns, row, strict=True)] for row in self.rows]
 
 

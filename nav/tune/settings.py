@@ -2,8 +2,8 @@
 
 Recommended is the candidate of least error if it is better than the default beyond doubt: on the
 recordings, and where each choice is made without the data it is judged by; and if it is worse than
-the default beyond doubt in no part of any recording. Otherwise the default stays, and what decided
-is named.
+the default beyond doubt in no part of any recording, by more than a table shows. Otherwise the
+default stays, and what decided is named.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ from .trials import FOLDS, Prepared, Source, Trial, centres, pooled, prepare, tr
 
 #: Two or three satellites, of any strength, for half of the time.
 OUTAGES = parse_outages("30/60:2-3")
+#: A change that three digits show: below, an interval beside zero says nothing of use.
+SEEN = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +279,7 @@ def decide(
         )
     for group in groups:
         alone = change([group], [group.square[leader]])
-        if alone.worse:
+        if alone.worse and alone.high > SEEN:
             return 0, (
                 f"keep the settings as they are: '{name}' is {interval(lead)}, but on "
                 f"{group.recording}, {group.part}, {interval(alone)}"

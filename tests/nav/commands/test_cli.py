@@ -17,7 +17,7 @@ from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.errors import DataError
 from certnav.nav.commands import cli
 from certnav.nav.commands.cli import main
-from certnav.nav.commands.navigation import waived
+from certnav.nav.commands.flow.navigation import waived
 from certnav.nav.config import Config, VehicleConfig
 from certnav.nav.results.directory import read_result
 from oracles.damage import imu_rows
@@ -94,7 +94,7 @@ def test_version_is_that_of_the_package(capsys):
 
 
 def test_what_is_missing_is_said_before_anything_is_compiled(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("certnav.nav.commands.navigation.announce_kernels", lambda: 1 / 0)
+    monkeypatch.setattr("certnav.nav.commands.flow.navigation.announce_kernels", lambda: 1 / 0)
     assert "no such file or folder" in refuse(capsys, "run", tmp_path / "nowhere")
 
 
@@ -310,7 +310,7 @@ def test_simulate_and_refusal_to_overwrite(tmp_path, capsys):
 def test_a_run_imports_nothing_slow_that_it_may_not_need():
     """Each of these takes longer to import than minutes of data to navigate."""
     code = (
-        "import sys, certnav.nav.commands.navigation, certnav.datasets.loading as load\n"
+        "import sys, certnav.nav.commands.flow.navigation, certnav.datasets.loading as load\n"
         "for kind in load.formats().values(): kind.detect, kind.read\n"
         "print(sorted(set(sys.modules) & {'pandas', 'filterpy', 'scipy.stats', 'scipy.special',"
         " 'scipy.spatial', 'scipy.interpolate', 'matplotlib', 'pyrtklib5', 'joblib', 'rich'}))"

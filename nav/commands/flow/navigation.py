@@ -9,25 +9,25 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ...datasets.cache import kept_in
-from ...datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
-from ...datasets.loading import load
-from ...datasets.physics import Refusal, collected_refusals
-from ...datasets.placing import write_file
-from ...datasets.sequence import Sequence
-from ...filters.errors import DataError
-from ..check.findings import Finding
-from ..check.mounting import with_coarse_mounting
-from ..check.recording import check_sequence
-from ..config import Config
-from ..evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
-from ..learned import learned, with_calibration
-from ..notes import Note
-from ..pipeline import navigate
-from ..results.directory import check_replaceable, write_result
-from ..solution import Solution
-from ..vehicles import VEHICLES, would_explain
-from .terminal.progress import announce_kernels, progress
+from ....datasets.cache import kept_in
+from ....datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
+from ....datasets.loading import load
+from ....datasets.physics import Refusal, collected_refusals
+from ....datasets.placing import write_file
+from ....datasets.sequence import Sequence
+from ....filters.errors import DataError
+from ...check.findings import Finding
+from ...check.mounting import with_coarse_mounting
+from ...check.recording import check_sequence
+from ...config import Config
+from ...evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
+from ...learned import learned, with_calibration
+from ...notes import Note
+from ...pipeline import navigate
+from ...results.directory import check_replaceable, write_result
+from ...solution import Solution
+from ...vehicles import VEHICLES, would_explain
+from ..terminal.progress import announce_kernels, progress
 
 _log = logging.getLogger(__name__)
 
@@ -109,8 +109,8 @@ def _drawing(page: bool, figures: str | None) -> Callable[[Path], None] | None:
         return None
 
     def draw(draft: Path) -> None:
-        from ..report import write_figures, write_report  # slow to import
-        from ..results.directory import read_result
+        from ...report import write_figures, write_report  # slow to import
+        from ...results.directory import read_result
 
         if page:
             write_report(draft)
