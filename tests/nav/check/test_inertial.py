@@ -10,7 +10,14 @@ import pytest
 
 from certnav.datasets.series import ImuData
 from certnav.filters.sensors import STANDARD_GRAVITY, imu_preset
-from certnav.nav.check.inertial import frozen, gravity, inertial_findings, noise, sampling, saturated
+from certnav.nav.check.inertial import (
+    frozen,
+    gravity,
+    inertial_findings,
+    noise,
+    sampling,
+    saturated,
+)
 from certnav.velocity.tracks import Track
 
 RATE = 100.0
