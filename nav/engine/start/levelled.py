@@ -31,6 +31,7 @@ _AGAIN = 1.0
 #: those that are enough: once in a thousand starts such odds are wrong.
 _FORWARDS, _SURE = float(np.log(100.0)), float(np.log(1000.0))
 _OPEN = "nose or tail first is not decided"
+_ALONE = "other velocities do not bear out the course"
 #: Longer than this after its instant an attitude is not disputed any more [s].
 _GIVEN_UP = 25.0
 
@@ -97,8 +98,9 @@ class LevelledStart:
             self.say(fit.against)
             self._due, self._after = now + _AGAIN, attitude.time + 1e-3
             return None
-        if odds < _SURE:
-            self.say(f"{_OPEN}: a turn or a change of speed would tell")
+        unheard = fit.few and now > attitude.time + _GIVEN_UP
+        if odds < _SURE or not (fit.borne_out or unheard):
+            self.say(f"{_OPEN if odds < _SURE else _ALONE}: a turn or a change of speed would tell")
             self._due = now + _AGAIN
             if now > attitude.time + _GIVEN_UP:
                 self._after = now - _AGAIN  # what gyros carry no further is tried anew
@@ -119,10 +121,12 @@ class LevelledStart:
             self._after = attitude.time + 1e-3
             attitude, odds = self._attitude()
         attitude = self._as_sure_as(attitude, fit.sigma)
-        if odds < _SURE:
-            message = f"{attitude.message}; {_OPEN}: the likelier is taken"
-            attitude = replace(attitude, message=message)
-        return self.fixes.start(attitude)
+        doubt = f"{_OPEN}: the likelier is taken" if odds < _SURE else ""
+        if not (doubt or fit.borne_out):
+            doubt = _ALONE
+        if doubt:
+            attitude = replace(attitude, message=f"{attitude.message}; {doubt}")
+        return replace(self.fixes.start(attitude), doubt=doubt)
 
     def _as_sure_as(self, attitude: InitialAttitude, sigma: float) -> InitialAttitude:
         """Return an attitude whose heading is no better known than what bears it out.

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from certnav.alignment.direction import Fit
 from certnav.alignment.levelling import InitialAttitude
 from certnav.filters.error_model import ATT
 from certnav.filters.errors import AlignmentError
@@ -33,7 +34,10 @@ class Levelled:
         self.fixes, self.tries, self.finds, self.odds, self.after = fixes, 0, None, 99.0, []
         self.backwards = None
         monkeypatch.setattr(self.start, "attitude", self._attitude)
-        monkeypatch.setattr("certnav.nav.engine.start.levelled.log_odds", lambda *given: self.odds)
+        self.fit = Fit(borne_out=True)
+        place = "certnav.nav.engine.start.levelled"
+        monkeypatch.setattr(f"{place}.log_odds", lambda *given: self.odds)
+        monkeypatch.setattr(f"{place}.course_fit", lambda *given: self.fit)
 
     def _attitude(self, backwards=False):
         self.after.append(self.start._after)
@@ -158,9 +162,24 @@ def test_at_the_end_the_likelier_is_taken_and_the_doubt_told(levelled):
     ):  # fmt: skip
         levelled.odds = odds
         assert levelled.start.at_last().attitude.message == message
+        assert levelled.start.at_last().doubt == message.partition("; ")[2]
+    levelled.odds, levelled.fit = 99.0, Fit()
+    assert levelled.start.at_last().doubt == "other velocities do not bear out the course"
     levelled.finds = AlignmentError("too slow")
     with pytest.raises(AlignmentError, match="too slow"):
         levelled.start.at_last()
+
+
+def test_a_course_that_no_other_velocity_bears_out_waits(levelled):
+    """Where too few can ever tell it is taken at last, 25 s after its instant."""
+    levelled.finds, levelled.fit = attitude(5.0, rested=True), Fit()
+    levelled.drives(5.0, 9.0 * NORTH)
+    assert levelled.start.offer(6.0) is None
+    told = "other velocities do not bear out the course: a turn or a change of speed would tell"
+    assert levelled.said == [told]
+    levelled.fit = Fit(few=True)
+    assert levelled.start.offer(29.9) is None
+    assert levelled.start.offer(31.0) is not None
 
 
 def test_it_levels_with_the_mounting_and_the_sigmas_of_the_configuration(fixes, monkeypatch):
