@@ -83,14 +83,11 @@ class Fit(NamedTuple):
         Whether velocities of other seconds have the same heading. The one that the course is of,
         and those that share its reflections, do not count: after a standstill any velocity has
         the course that the accelerations have with it.
-    few : bool
-        Too few velocities to tell, however long one waits.
     """
 
     against: str = ""
     sigma: float = float("inf")
     borne_out: bool = False
-    few: bool = False
 
 
 def course_fit(stream: InertialStream, track: VelocityTrack, attitude: InitialAttitude) -> Fit:
@@ -107,14 +104,12 @@ def course_fit(stream: InertialStream, track: VelocityTrack, attitude: InitialAt
         With its heading from a velocity of the track.
     """
     k = _epochs_around(stream, track, attitude.time)
-    if k.size < 3:
-        return Fit(few=True)
     found = _offset(stream, track, k, attitude)
     apart = k[np.abs(track.time[k] - attitude.time) > _SHARED]
     others = _offset(stream, track, apart, attitude)
-    if found is None or others is None:
-        return Fit(few=True)
     for each in (found, others):
+        if each is None:
+            continue
         if each.contradicts:
             return Fit(f"velocities change {each.scale:.1f} times as much as accelerometers feel")
         limit = 3.0 * float(np.hypot(each.sigma, attitude.sigma_heading))
@@ -122,19 +117,22 @@ def course_fit(stream: InertialStream, track: VelocityTrack, attitude: InitialAt
             off = np.degrees(abs(each.offset))
             text = f"the accelerations have the heading {off:.0f}° beside the course"
             return Fit(text, each.sigma)
+    if found is None:
+        return Fit()
     sigma = found.sigma if found.tells else float("inf")
     used = np.flatnonzero(np.abs(track.time[k] - attitude.time) < 1e-6)
     if found.tells and used.size and found.weight[used[0]] < _BORNE_OUT:
         against = "the accelerations do not bear out the velocity that the course is of"
         return Fit(against, sigma)
-    return Fit("", sigma, others.tells and others.sigma <= LARGEST_SIGMA_HEADING)
+    known = others is not None and others.tells and others.sigma <= LARGEST_SIGMA_HEADING
+    return Fit("", sigma, known)
 
 
 def _offset(
     stream: InertialStream, track: VelocityTrack, k: np.ndarray, attitude: InitialAttitude
 ) -> HeadingOffset | None:
     """Return what the velocities of these epochs say of the heading."""
-    if not k.size:
+    if k.size < 3:
         return None
     time = np.union1d(track.time[k], [attitude.time])
     imu = inertial_track(stream, time, attitude.gyro_bias)

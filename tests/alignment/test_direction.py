@@ -138,10 +138,3 @@ def test_velocities_that_change_by_more_than_is_felt_are_none_to_start_from():
     stream, track = setting_off(1, wrong_until=40.0, turn_deg=0.0, grows=2.5)
     attitude = level_and_course(stream, track, np.eye(3), SPEC)
     assert "2.5 times as much" in course_fit(stream, track, attitude).against
-
-
-def test_two_velocities_are_too_few():
-    stream, track = setting_off(1)
-    attitude = level_and_course(stream, track, np.eye(3), SPEC)
-    few = VelocityTrack(track.time[17:19], track.vel_e[17:19], track.sigma[:2], track.pos_e[:2])
-    assert course_fit(stream, few, attitude).few

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ....alignment.direction import course_fit, log_odds
+from ....alignment.direction import Fit, course_fit, log_odds
 from ....alignment.levelling import (
     LARGEST_SIGMA_HEADING,
     LEVEL_WINDOW,
@@ -32,6 +32,9 @@ _AGAIN = 1.0
 _FORWARDS, _SURE = float(np.log(100.0)), float(np.log(1000.0))
 _OPEN = "nose or tail first is not decided"
 _ALONE = "other velocities do not bear out the course"
+#: Satellites of a velocity that are too many to be reflections at one facade, which hides half of
+#: the sky, and to agree.
+_MANY = 8
 #: Longer than this after its instant an attitude is not disputed any more [s].
 _GIVEN_UP = 25.0
 
@@ -56,12 +59,19 @@ class LevelledStart:
     imu : ImuSpec
     say : callable
         Told what is missing.
+
+    Attributes
+    ----------
+    unheard : Start or None
+        The first that nothing spoke against and nothing bore out in the time it could have been:
+        for want of a better one.
     """
 
     def __init__(
         self, fixes: Fixes, config: AlignmentConfig, imu: ImuSpec, say: Callable[[str], None]
     ) -> None:
         self.fixes, self.config, self.imu, self.say = fixes, config, imu, say
+        self.unheard: Start | None = None
         self._due: float | None = None
         self._after = -np.inf
 
@@ -98,14 +108,16 @@ class LevelledStart:
             self.say(fit.against)
             self._due, self._after = now + _AGAIN, attitude.time + 1e-3
             return None
-        unheard = fit.few and now > attitude.time + _GIVEN_UP
-        if odds < _SURE or not (fit.borne_out or unheard):
-            self.say(f"{_OPEN if odds < _SURE else _ALONE}: a turn or a change of speed would tell")
-            self._due = now + _AGAIN
-            if now > attitude.time + _GIVEN_UP:
-                self._after = now - _AGAIN  # what gyros carry no further is tried anew
-            return None
-        return self.fixes.start(self._as_sure_as(attitude, fit.sigma))
+        doubt = self._doubt(attitude, odds, fit)
+        if not doubt:
+            return self._start(attitude, fit)
+        self.say(f"{doubt}: a turn or a change of speed would tell")
+        self._due = now + _AGAIN
+        if now > attitude.time + _GIVEN_UP:
+            self._after = now - _AGAIN  # what gyros carry no further is tried anew
+            if doubt is _ALONE and self.unheard is None:
+                self.unheard = self._start(attitude, fit, doubt)
+        return None
 
     def at_last(self) -> Start:
         """Return the start from what there is: no more will come.
@@ -115,15 +127,32 @@ class LevelledStart:
         AlignmentError
             Why there is none.
         """
+        if self.unheard is not None:
+            return self.unheard
         self._after = -np.inf
         attitude, odds = self._attitude()
         while (fit := course_fit(self.fixes.stream, self.fixes.track(), attitude)).against:
             self._after = attitude.time + 1e-3
             attitude, odds = self._attitude()
+        doubt = self._doubt(attitude, odds, fit)
+        return self._start(
+            attitude, fit, f"{doubt}: the likelier is taken" if odds < _SURE else doubt
+        )
+
+    def _doubt(self, attitude: InitialAttitude, odds: float, fit: Fit) -> str:
+        """Return what is still open about an attitude, if anything is.
+
+        Few satellites may all be reflections, and agree: others have to bear such a velocity out.
+        """
+        if odds < _SURE:
+            return _OPEN
+        used = next((v for v, _ in self.fixes.pairs if v.time == attitude.time), None)
+        many = used is not None and len(used.satellites) >= _MANY
+        return "" if fit.borne_out or many else _ALONE
+
+    def _start(self, attitude: InitialAttitude, fit: Fit, doubt: str = "") -> Start:
+        """Return the start; what is open about it is said."""
         attitude = self._as_sure_as(attitude, fit.sigma)
-        doubt = f"{_OPEN}: the likelier is taken" if odds < _SURE else ""
-        if not (doubt or fit.borne_out):
-            doubt = _ALONE
         if doubt:
             attitude = replace(attitude, message=f"{attitude.message}; {doubt}")
         return replace(self.fixes.start(attitude), doubt=doubt)

@@ -171,15 +171,29 @@ def test_at_the_end_the_likelier_is_taken_and_the_doubt_told(levelled):
 
 
 def test_a_course_that_no_other_velocity_bears_out_waits(levelled):
-    """Where too few can ever tell it is taken at last, 25 s after its instant."""
+    """25 s after its instant it is kept for want of a better one, and later ones are tried."""
     levelled.finds, levelled.fit = attitude(5.0, rested=True), Fit()
     levelled.drives(5.0, 9.0 * NORTH)
     assert levelled.start.offer(6.0) is None
-    told = "other velocities do not bear out the course: a turn or a change of speed would tell"
-    assert levelled.said == [told]
-    levelled.fit = Fit(few=True)
-    assert levelled.start.offer(29.9) is None
-    assert levelled.start.offer(31.0) is not None
+    alone = "other velocities do not bear out the course"
+    assert levelled.said == [f"{alone}: a turn or a change of speed would tell"]
+    assert levelled.start.offer(29.9) is None and levelled.start.unheard is None
+    assert levelled.start.offer(31.0) is None
+    assert levelled.start.unheard.doubt == alone and levelled.start.unheard.state.time == 5.0
+    assert levelled.start.offer(32.1) is None and levelled.after[-1] == pytest.approx(30.0)
+    assert levelled.start.at_last() is levelled.start.unheard
+    levelled.fit = Fit(borne_out=True)
+    assert not levelled.start.offer(33.2).doubt
+
+
+@pytest.mark.parametrize(("satellites", "starts"), [(7, False), (8, True)])
+def test_a_velocity_of_many_satellites_needs_no_other(levelled, satellites, starts):
+    levelled.finds, levelled.fit = attitude(5.0, rested=True), Fit()
+    levelled.fixes.add(GnssEvent(5.0, "position", rigs.PLACE, np.eye(3)))
+    seen = tuple(f"G{k:02d}" for k in range(satellites))
+    velocity = GnssEvent(5.0, "velocity", 9.0 * NORTH, 0.01 * np.eye(3), seen)
+    levelled.start.take(levelled.fixes.add(velocity))
+    assert (levelled.start.offer(6.0) is not None) == starts
 
 
 def test_it_levels_with_the_mounting_and_the_sigmas_of_the_configuration(fixes, monkeypatch):
