@@ -174,9 +174,7 @@ class LevelledStart:
         """Return the likelier attitude, and ln of the odds for it against half a turn more."""
         forwards, backwards = self.attitude(), self.attitude(backwards=True)
         odds = _FORWARDS + log_odds(self.fixes.stream, self.fixes.track(), forwards, backwards)
-        if odds >= 0.0:
-            return forwards, odds
-        return replace(backwards, message=f"{backwards.message}, reversing"), -odds
+        return (forwards, odds) if odds >= 0.0 else (backwards, -odds)
 
     def attitude(self, backwards: bool = False) -> InitialAttitude:
         """Return the attitude from all there is so far.

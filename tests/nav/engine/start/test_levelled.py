@@ -71,7 +71,7 @@ def nose(time):
 
 
 def turned(time):
-    return attitude(time, True, rigs.C_EN @ matrix_from_rpy([0.0, 0.0, np.pi]), "tail")
+    return attitude(time, True, rigs.C_EN @ matrix_from_rpy([0.0, 0.0, np.pi]), "tail, reversing")
 
 
 def test_it_waits_for_the_first_level_speed(levelled):
