@@ -28,6 +28,8 @@ from .unknowns import InertialOptions
 
 #: Spread of z over satellites, in σ, up to which an epoch looks like a standstill.
 _STILL = 3.0
+#: And from which it is motion: of ten satellites chance has more once in a thousand epochs.
+_MOVES = 6.0
 #: A first look at a window is right to a factor of two: beyond so many times the limit for the
 #: heading nothing can come of it.
 _HOPELESS = 2.0
@@ -43,7 +45,7 @@ class MotionOptions:
     ----------
     inertial : InertialOptions
     shortest, longest : float
-        Window [s].
+        Window, the shortest in motion [s].
     every : float
         Time between attempts [s].
     sigma_heading : float
@@ -121,6 +123,7 @@ class MotionAligner:
         self.options = options or MotionOptions()
         self._epochs: list[DopplerEpoch] = []
         self._still: list[bool] = []
+        self._moving: list[bool] = []
         self._rest: tuple[FloatArray, float] | None = None
         self._near: FloatArray | None = None
         self._began, self._tried = np.nan, -np.inf
@@ -142,8 +145,9 @@ class MotionAligner:
             self._began = epoch.time
         self._epochs.append(epoch)
         self._still.append(_is_still(epoch))
+        self._moving.append(len(epoch.rows) > 1 and _moves(epoch))
         while epoch.time - self._epochs[0].time > options.longest + 1e-6:
-            del self._epochs[0], self._still[0]
+            del self._epochs[0], self._still[0], self._moving[0]
         self._rest = self._at_rest() or self._rest
         rarely = min(0.02 * (epoch.time - self._began), 0.25 * options.longest)
         due = self._tried + max(options.every, rarely)
@@ -151,11 +155,22 @@ class MotionAligner:
         if not (attempt and long_enough and epoch.time >= due - 1e-6):
             return None
         self._tried = epoch.time
-        if all(self._still):
-            return Attempt(
-                self._epochs[0].time, epoch.time, False, "not aligned: at rest, needs motion", None
-            )
+        moved = self._moved()
+        if moved < options.shortest - 1e-6:
+            told = f"in motion for {moved:.0f} s, needs {options.shortest:g} s of it"
+            told = told if moved else "at rest, needs motion"
+            message = f"not aligned: {told}"
+            return Attempt(self._epochs[0].time, epoch.time, False, message, None)
         return self._attempt()
+
+    def _moved(self) -> float:
+        """Return how much of the window ended in motion [s].
+
+        At rest satellites agree whatever their signals' paths; setting off straight ahead, those
+        reflected at one facade agree on another heading, and for seconds nothing contradicts.
+        """
+        time = np.array([epoch.time for epoch in self._epochs])
+        return float(np.sum(np.diff(time)[self._moving[1:]]))
 
     def _attempt(self) -> Attempt:
         start, time, options = self._epochs[0].time, self._epochs[-1].time, self.options.inertial
@@ -336,3 +351,10 @@ def _is_still(epoch: DopplerEpoch) -> bool:
         return False
     off = np.abs(epoch.rows.z - np.median(epoch.rows.z)) / epoch.rows.sigma
     return bool(np.median(off) < 1.0 and off.max() < _STILL)
+
+
+def _moves(epoch: DopplerEpoch) -> bool:
+    """Tell if satellites see more of a velocity than chance makes of a standstill."""
+    z, sigma = epoch.rows.z, epoch.rows.sigma
+    off = (z - np.average(z, weights=sigma**-2.0)) / sigma
+    return bool(np.ptp(off) > _MOVES)

@@ -146,13 +146,16 @@ class LevelledStart:
         """
         if odds < _SURE:
             return _OPEN
-        used = next((v for v, _ in self.fixes.pairs if v.time == attitude.time), None)
-        many = used is not None and len(used.satellites) >= _MANY
-        return "" if fit.borne_out or many else _ALONE
+        return "" if fit.borne_out or len(self._behind(attitude)) >= _MANY else _ALONE
+
+    def _behind(self, attitude: InitialAttitude) -> tuple[str, ...]:
+        """Return the satellites of the velocity that the course is of; none if they are unknown."""
+        return next((v.satellites for v, _ in self.fixes.pairs if v.time == attitude.time), ())
 
     def _start(self, attitude: InitialAttitude, fit: Fit, doubt: str = "") -> Start:
         """Return the start; what is open about it is said."""
-        attitude = self._as_sure_as(attitude, fit.sigma)
+        few = 0 < len(self._behind(attitude)) < _MANY
+        attitude = self._as_sure_as(attitude, LARGEST_SIGMA_HEADING if few else fit.sigma)
         if doubt:
             attitude = replace(attitude, message=f"{attitude.message}; {doubt}")
         return replace(self.fixes.start(attitude), doubt=doubt)
@@ -160,8 +163,9 @@ class LevelledStart:
     def _as_sure_as(self, attitude: InitialAttitude, sigma: float) -> InitialAttitude:
         """Return an attitude whose heading is no better known than what bears it out.
 
-        A velocity may be wrong by far more than it says, and its course with it; beyond 10° (1σ)
-        it is the filter that bears no more.
+        A velocity may be wrong by far more than it says, and its course with it; of few satellites
+        that is seldom, and then by tens of degrees. Beyond 10° (1σ) it is the filter that bears no
+        more.
         """
         sigma = min(sigma, LARGEST_SIGMA_HEADING)
         if sigma <= attitude.sigma_heading:

@@ -188,12 +188,14 @@ def test_a_course_that_no_other_velocity_bears_out_waits(levelled):
 
 @pytest.mark.parametrize(("satellites", "starts"), [(7, False), (8, True)])
 def test_a_velocity_of_many_satellites_needs_no_other(levelled, satellites, starts):
-    levelled.finds, levelled.fit = attitude(5.0, rested=True), Fit()
+    levelled.finds, levelled.fit = attitude(5.0, rested=True), Fit(sigma=0.05)
     levelled.fixes.add(GnssEvent(5.0, "position", rigs.PLACE, np.eye(3)))
     seen = tuple(f"G{k:02d}" for k in range(satellites))
     velocity = GnssEvent(5.0, "velocity", 9.0 * NORTH, 0.01 * np.eye(3), seen)
     levelled.start.take(levelled.fixes.add(velocity))
     assert (levelled.start.offer(6.0) is not None) == starts
+    sigma = levelled.start.at_last().attitude.sigma_heading
+    assert sigma == pytest.approx(0.1 if starts else np.radians(10.0))
 
 
 def test_it_levels_with_the_mounting_and_the_sigmas_of_the_configuration(fixes, monkeypatch):
