@@ -45,13 +45,16 @@ class MotionOptions:
     ----------
     inertial : InertialOptions
     shortest, longest : float
-        Window, the shortest in motion [s].
+        Window [s].
     every : float
         Time between attempts [s].
     sigma_heading : float
         1σ that the heading must have, beyond the verdicts [rad].
     shortest_rest : float
         Standstill that gives a gyro bias [s].
+    shortest_motion : float
+        So much of a window must be motion, or all of it [s]. Reflections last for 3 to 8 s where
+        that was measured: what agrees for longer is not one of them.
     """
 
     inertial: InertialOptions = field(default_factory=InertialOptions)
@@ -60,6 +63,7 @@ class MotionOptions:
     every: float = 1.0
     sigma_heading: float = np.radians(1.5)
     shortest_rest: float = 3.0
+    shortest_motion: float = 10.0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.shortest <= self.longest < np.inf:
@@ -67,7 +71,7 @@ class MotionOptions:
                 f"alignment in motion: expected 0 < shortest ≤ longest, found {self.shortest:g} "
                 f"and {self.longest:g} s"
             )
-        for name in ("every", "sigma_heading", "shortest_rest"):
+        for name in ("every", "sigma_heading", "shortest_rest", "shortest_motion"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(
                     f"alignment in motion: {name}: expected > 0, found {getattr(self, name)!r}"
@@ -155,9 +159,9 @@ class MotionAligner:
         if not (attempt and long_enough and epoch.time >= due - 1e-6):
             return None
         self._tried = epoch.time
-        moved = self._moved()
-        if moved < options.shortest - 1e-6:
-            told = f"in motion for {moved:.0f} s, needs {options.shortest:g} s of it"
+        moved, enough = self._moved(), min(options.shortest_motion, options.longest)
+        if moved < enough - 1e-6:
+            told = f"in motion for {moved:.0f} s, needs {enough:g} s of it"
             told = told if moved else "at rest, needs motion"
             message = f"not aligned: {told}"
             return Attempt(self._epochs[0].time, epoch.time, False, message, None)
