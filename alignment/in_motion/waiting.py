@@ -53,8 +53,8 @@ class MotionOptions:
     shortest_rest : float
         Standstill that gives a gyro bias [s].
     shortest_motion : float
-        So much of a window must be motion, or all of it [s]. Reflections last for 3 to 8 s where
-        that was measured: what agrees for longer is not one of them.
+        So much of a window must be motion, or all of it [s]. What is wrong with Doppler stays the
+        same for up to 4 s on recordings; twice that, and a start that was led astray for 5 s.
     """
 
     inertial: InertialOptions = field(default_factory=InertialOptions)
