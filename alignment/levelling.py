@@ -361,17 +361,14 @@ def _carry_from_rest(
     samples = _samples(stream, *rest)
     mean_rate = stream.gyro[samples].mean(axis=0)
     after = _samples(stream, rest[1], time)
-    C = _level_at_rest(stream, rest, C_bv)
     gravity = np.array([0.0, 0.0, np.linalg.norm(stream.accel[samples].mean(axis=0))])
     dt = np.diff(stream.edges)[after]
-    turns = matrix_from_rotvec((stream.gyro[after] - mean_rate) * dt[:, None])
     C_hb = np.empty((len(dt) + 1, 3, 3))
-    C_hb[0] = C
-    for k, turn in enumerate(turns):
+    C_hb[0] = _level_at_rest(stream, rest, C_bv)
+    for k, turn in enumerate(matrix_from_rotvec((stream.gyro[after] - mean_rate) * dt[:, None])):
         np.matmul(C_hb[k], turn, out=C_hb[k + 1])
     felt_h = np.einsum("kij,kj->ki", C_hb[:-1], stream.accel[after]) + gravity
-    nose_h = C_hb[:-1] @ C_bv[:, 0]
-    moved = float(dt @ np.sum(nose_h * felt_h, axis=1))
+    moved = float(dt @ np.sum((C_hb[:-1] @ C_bv[:, 0]) * felt_h, axis=1))
     return C_hb[-1], mean_rate, time - rest[1], moved
 
 
