@@ -163,7 +163,7 @@ class HeadingMonitor:
             (np.cumsum(felt_n, axis=0) + lever_n)[:, :2],
             C_nb,
         )
-        if found is None:
+        if found is None or not found.tells:
             return 0.0, np.inf
         limit = _SIGMAS * float(np.hypot(found.sigma, np.radians(_sigma_deg(kalman))))
         return found.offset, max(limit, LARGEST_SIGMA_HEADING)
