@@ -31,11 +31,11 @@ from ...config import Config
 from ...spells.outages import Outages
 from ...study.recording import StudyOptions, study
 from ...study.report import write_study
-from ...sweep import in_parallel
+from ...sweep.parallel import in_parallel
 from ...tune.settings import tune_settings
 from ...tune.settings_report import write_settings
 from ..terminal.progress import silent
-from .navigation import checked_load, navigate_folder
+from .navigation import navigate_folder
 
 Say = Callable[[float, str], None]
 STUDY, TUNING, COMPARISON = "study", "tuning", "comparison"
@@ -233,11 +233,10 @@ def _run(
 
 
 def _compare(work: Work, chosen: list[Looked], out: Path, report: Say) -> None:
-    drives = [checked_load(one.folder, work.config, checked=True) for one in chosen]
     with written_whole(out / COMPARISON) as draft:
         whole = compare(
-            drives, work.methods, work.outages, work.config, jobs=work.jobs,
-            scheduler=work.scheduler, progress=report,
+            [one.folder for one in chosen], work.methods, work.outages, work.config,
+            cache=out / ".certnav-cache", jobs=work.jobs, scheduler=work.scheduler, progress=report,
         )  # fmt: skip
         write_page(whole, draft)
 

@@ -1,0 +1,6 @@
+"""Much at once: threads, the processors of this machine, or a cluster.
+
+parallel      in_order, in_parallel, and what many calls share
+cluster       the same on Dask
+drives        recordings by where they lie, loaded where they are needed
+"""
