@@ -36,7 +36,8 @@ from ..spells.degradation import degrade
 from ..spells.drift import as_reference
 from ..spells.outages import Outages, Spell, in_spells
 from ..sweep.drives import Source, checked_drive
-from ..sweep.parallel import Shared, in_parallel, itself
+from ..sweep.parallel import in_parallel
+from ..sweep.shared import Shared, itself
 from .directories import write_sidecar
 from .methods import Method, solve
 from .others import Judge, Other, judged, notes_of

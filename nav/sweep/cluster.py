@@ -17,7 +17,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ...filters.errors import ConfigError, NavError
-from .parallel import Shared
+from .shared import Shared
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -15,7 +15,7 @@ from ...filters.errors import DataError
 from ..config import Config
 from ..notes import Note
 from ..vehicles import VEHICLES, would_explain
-from .parallel import Shared, itself
+from .shared import Shared, itself
 
 Source = str | Path | Sequence
 

@@ -21,7 +21,8 @@ from ...velocity.doppler_noise import NoiseFit
 from ..config import Config
 from ..spells.outages import Outages, parse_outages
 from ..sweep.drives import Source, drive
-from ..sweep.parallel import Shared, in_parallel
+from ..sweep.parallel import in_parallel
+from ..sweep.shared import Shared
 from .candidates import SNR, Candidate, K, candidates
 from .choice import Change, Group, best, by_time, change, cross_validated, of_candidate
 from .trials import FOLDS, Prepared, Trial, centres, pooled, prepare, try_out, weights_for

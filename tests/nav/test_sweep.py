@@ -10,7 +10,8 @@ import pytest
 from certnav.filters.errors import ConfigError, NavError
 from certnav.nav.sweep.cluster import planned
 from certnav.nav.sweep.drives import volume_of
-from certnav.nav.sweep.parallel import Shared, in_order, in_parallel, itself
+from certnav.nav.sweep.parallel import in_order, in_parallel
+from certnav.nav.sweep.shared import Shared, itself
 from oracles import sweeps
 
 CALLS = [(3,), (1,), (2,), (0,)]
