@@ -168,7 +168,7 @@ def test_nothing_to_merge_is_said(tmp_path):
 
 
 def test_a_position_given_by_hand_is_enough_to_compare_coupling_with_alignment_alone():
-    """No position in the recording, but Doppler: what needs no GNSS position starts where it is said.
+    """No position in the recording, but Doppler: what needs none starts where it is said to be.
 
     The place holds at the beginning: what was driven until the start is added to it.
     """
