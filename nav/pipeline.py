@@ -30,7 +30,7 @@ from .engine.watch.doubts import doubts, outages
 from .notes import Note, clock, plain
 from .signals import Signals, signal_log
 from .solution import FixErrors, Separation, Solution, Trajectory, Update
-from .sweep import in_order
+from .sweep.parallel import in_order
 
 Progress = Callable[[float, str], None]
 

@@ -18,7 +18,7 @@ from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray, rpy_from_matrix
 from ..evaluation.accuracy import usable_at
 from ..solution import Epochs, Trajectory
-from ..sweep import in_order
+from ..sweep.parallel import in_order
 from .text import row_blocks
 
 _Part = TypeVar("_Part")

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-from ...datasets.loading import formats, load, recognise
+from ...datasets.loading import formats, recognise
 from ...datasets.sequence import Sequence
 from ...filters.errors import ConfigError, DataError, NavError
 from ...velocity.study.samples import reference_samples
 from ...velocity.study.tables import describe, pair_table
 from ...velocity.study.unaided import EPOCHS, Outage, outages, over_outages
-from ..sweep import in_parallel
-
-Source = str | Path | Sequence
+from ..sweep.drives import Source, drive
+from ..sweep.parallel import in_parallel
 
 
 @dataclass(frozen=True)
@@ -134,7 +132,7 @@ def study(
     sources = list(sources)
     if not sources:
         raise ConfigError("study: no recording given")
-    calls = [(source, options, own) for source, own in with_options(sources, data or {})]
+    calls = [(drive(source, own), options) for source, own in with_options(sources, data or {})]
     found: list[Studied] = []
     for one in in_parallel(studied, calls, jobs=jobs, scheduler=scheduler):
         found.append(one)
@@ -168,9 +166,8 @@ def with_options(
     ]
 
 
-def studied(source: Source, options: StudyOptions, data: dict[str, Any]) -> Studied:
+def studied(sequence: Sequence, options: StudyOptions) -> Studied:
     """Return the figures of one recording: the unit of work of a sweep."""
-    sequence = source if isinstance(source, Sequence) else load(source, **data)
     notes: list[str] = []
     figures: dict[str, Any] = {}
     epochs = 0

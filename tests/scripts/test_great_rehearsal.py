@@ -52,6 +52,7 @@ def test_every_page_is_there_and_every_link_of_the_index_leads_somewhere(rehears
     assert {"study/study.html", "tuning/tuning.html", "comparison/comparison.html"} <= set(
         links.found
     )
+    assert {f"checks/Dataset_{name}-simulated.html" for name in NAMES} <= set(links.found)
     reports = [f"runs/Dataset_{name}-simulated/report.html" for name in NAMES]
     assert set(reports) <= set(links.found)
 

@@ -19,11 +19,10 @@ import numpy as np
 from ....datasets import gpstime
 from ....datasets.cache import kept_in
 from ....datasets.great.reader import SIMULATED
-from ....datasets.loading import load
 from ....datasets.placing import write_file, written_whole
 from ....datasets.sequence import Sequence
 from ....filters.errors import NavError
-from ...check.recording import check
+from ...check.recording import read_and_checked
 from ...compare.comparison import compare
 from ...compare.methods import Method
 from ...compare.report import write_page
@@ -31,11 +30,11 @@ from ...config import Config
 from ...spells.outages import Outages
 from ...study.recording import StudyOptions, study
 from ...study.report import write_study
-from ...sweep import in_parallel
+from ...sweep.parallel import in_parallel
 from ...tune.settings import tune_settings
 from ...tune.settings_report import write_settings
 from ..terminal.progress import silent
-from .navigation import checked_load, navigate_folder
+from .navigation import navigate_folder
 
 Say = Callable[[float, str], None]
 STUDY, TUNING, COMPARISON = "study", "tuning", "comparison"
@@ -83,7 +82,7 @@ class Looked:
     name : str
     folder : Path
     page : str
-        What the check has found, as text.
+        What the check has found, as HTML.
     why : str
         Why it is not navigated; '' where it is.
     figures : dict
@@ -215,7 +214,7 @@ def _check(work: Work, out: Path, found: Outcome, report: Say) -> None:
         report(len(found.looked) / len(calls), f"check: {one.name}")
     (out / "checks").mkdir(exist_ok=True)
     for one in found.looked:
-        write_file(out / "checks" / f"{one.name}.txt", (one.page + "\n").encode())
+        write_file(out / "checks" / f"{one.name}.html", one.page.encode())
 
 
 def _run(
@@ -233,26 +232,23 @@ def _run(
 
 
 def _compare(work: Work, chosen: list[Looked], out: Path, report: Say) -> None:
-    drives = [checked_load(one.folder, work.config, checked=True) for one in chosen]
     with written_whole(out / COMPARISON) as draft:
         whole = compare(
-            drives, work.methods, work.outages, work.config, jobs=work.jobs,
-            scheduler=work.scheduler, progress=report,
+            [one.folder for one in chosen], work.methods, work.outages, work.config,
+            cache=out / ".certnav-cache", jobs=work.jobs, scheduler=work.scheduler, progress=report,
         )  # fmt: skip
         write_page(whole, draft)
 
 
 def looked_at(folder: Path, config: Config) -> Looked:
     """Return what a recording holds and what its check has found: a unit of work."""
-    found = check(folder, config.data, config.vehicle.kind)
-    page, why = found.text(), ""
-    fatal = found.of("fatal")
-    if fatal:
-        why = "; ".join(finding.line for finding in fatal)
-    try:
-        sequence = load(folder, **config.data)
-    except NavError as error:
-        return Looked(folder.name, folder, page, why or str(error))
+    from ...check.page import build_page  # slow to import
+
+    found, sequence = read_and_checked(folder, config.data, config.vehicle.kind)
+    page = build_page(found, sequence)
+    why = "; ".join(finding.line for finding in found.of("fatal"))
+    if sequence is None:
+        return Looked(folder.name, folder, page, why)
     simulated = SIMULATED in sequence.notes
     return Looked(sequence.name, folder, page, why, holdings(sequence), simulated)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from ....datasets.cache import kept_in
 from ....datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
 from ....datasets.loading import load
-from ....datasets.physics import Refusal, collected_refusals
+from ....datasets.physics import collected_refusals
 from ....datasets.placing import write_file
 from ....datasets.sequence import Sequence
 from ....filters.errors import DataError
@@ -26,7 +26,8 @@ from ...notes import Note
 from ...pipeline import navigate
 from ...results.directory import check_replaceable, write_result
 from ...solution import Solution
-from ...vehicles import VEHICLES, would_explain
+from ...sweep.drives import waived, way_out
+from ...vehicles import VEHICLES
 from ..terminal.progress import announce_kernels, progress
 
 _log = logging.getLogger(__name__)
@@ -120,21 +121,6 @@ def _drawing(page: bool, figures: str | None) -> Callable[[Path], None] | None:
     return draw
 
 
-def checked_load(path: Path, config: Config, checked: bool) -> Sequence:
-    """Return a recording; what a reader refuses by physics is a note of it if it is not checked.
-
-    Raises
-    ------
-    DataError
-        What the reader refuses.
-    """
-    with collected_refusals() as refused:
-        sequence = load(path, **config.data)
-    said = waived(refused, config, checked)
-    notes = (*sequence.notes, *(str(note) for note in said))
-    return dataclasses.replace(sequence, notes=notes)
-
-
 def cache_folder(out: Path | None) -> Path:
     """Return where readers keep what is slow to read: beside the result."""
     return (Path("results/result") if out is None else out).parent / ".certnav-cache"
@@ -157,30 +143,6 @@ def judged(solution: Solution, sequence: Sequence) -> tuple[Solution, Evaluation
         return dataclasses.replace(solution, notes=notes), without_reference(nis)
 
 
-def waived(refused: list[Refusal], config: Config, checked: bool) -> tuple[Note, ...]:
-    """Return as notes what a reader refused by physics, and may pass; refuse the rest."""
-    notes = []
-    for error, against in refused:
-        kind = VEHICLES[config.vehicle.kind]
-        if against == "course" and not kind.holds_course:
-            notes.append(Note("note", f"not asked of {kind.words}: {error}"))
-        elif not checked:
-            notes.append(Note("doubtful", f"unchecked: {error}"))
-        else:
-            remedy = error.remedy or ""
-            if against == "course":
-                other = would_explain(lambda v: not v.holds_course, config.vehicle.kind)
-                remedy = f"{remedy}; {other}"
-            raise DataError(
-                error.problem, file=error.file, line=error.line, remedy=_way_out(remedy)
-            )
-    return tuple(notes)
-
-
-def _way_out(remedy: str) -> str:
-    return f"{remedy}; to navigate it all the same: --unchecked".removeprefix("; ")
-
-
 def _checked(sequence: Sequence, config: Config, checked: bool) -> list[Finding]:
     """Return what is doubtful; refuse what is fatal, unless it is not to be checked."""
     findings = check_sequence(sequence, config.gnss, config.vehicle.kind) if checked else []
@@ -188,7 +150,7 @@ def _checked(sequence: Sequence, config: Config, checked: bool) -> list[Finding]
         if finding.severity == "fatal":
             raise DataError(
                 f"{sequence.name}: {finding.subject}: {finding.found}",
-                remedy=_way_out(finding.remedy),
+                remedy=way_out(finding.remedy),
             )
     return [finding for finding in findings if finding.severity == "doubtful"]
 

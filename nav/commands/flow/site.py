@@ -154,7 +154,7 @@ def build_index(work: Work, found: Outcome, out: Path) -> str:
         "<h2>Pages</h2>",
         document.table(["step", "what is there"], _pages(out), 9),
         "<h2>Recordings</h2>",
-        _linked(recordings_table(found), "checks", "{}.txt", out),
+        _linked(recordings_table(found), "checks", "{}.html", out),
         "<h2>Runs</h2>",
         "<p>A name leads to the report of the run. Attitude is against the reference's axes as it "
         "is; in the last column a constant misalignment between the two is taken out.</p>",

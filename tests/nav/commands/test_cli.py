@@ -17,9 +17,9 @@ from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.errors import DataError
 from certnav.nav.commands import cli
 from certnav.nav.commands.cli import main
-from certnav.nav.commands.flow.navigation import waived
 from certnav.nav.config import Config, VehicleConfig
 from certnav.nav.results.directory import read_result
+from certnav.nav.sweep.drives import waived
 from oracles.damage import imu_rows
 
 

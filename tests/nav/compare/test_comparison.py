@@ -12,6 +12,7 @@ import pytest
 from certnav.datasets.loading import load
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.filters.earth import ecef_to_lla
 from certnav.filters.errors import ConfigError, DataError
 from certnav.nav.commands import compare as compare_command
 from certnav.nav.compare.comparison import compare
@@ -20,6 +21,7 @@ from certnav.nav.compare.methods import METHODS, parse_methods
 from certnav.nav.compare.report import build_page, write_page
 from certnav.nav.compare.runs import Comparison, Run, as_dict
 from certnav.nav.config import Config
+from certnav.nav.config_files import from_tables
 from certnav.nav.spells.outages import parse_outages
 from certnav.nav.windows.recording import summary
 
@@ -163,6 +165,36 @@ def test_merged_directories_give_the_same_figures(tmp_path):
 def test_nothing_to_merge_is_said(tmp_path):
     with pytest.raises(DataError, match="no certnav result"):
         merge([tmp_path])
+
+
+def test_a_position_given_by_hand_is_enough_to_compare_coupling_with_alignment_alone():
+    """No position in the recording, but Doppler: what needs none starts where it is said to be.
+
+    The place holds at the beginning: what was driven until the start is added to it.
+    """
+    simulation = simulate(
+        SimulationConfig(
+            name="made", seed=4, duration=110.0, density="open", imu_rate=25.0, static_start=5.0,
+            imu="tactical",
+        )
+    )  # fmt: skip
+    sequence = simulation.sequence()
+    seen = sequence.observations
+    nothing = np.full(len(seen), np.nan)
+    without = seen.with_columns(pseudorange=nothing, carrier=nothing)
+    drive = dataclasses.replace(sequence, observations=without, navigation=())
+    latitude, longitude, height = ecef_to_lla(sequence.reference.pos_e[0])
+    near = [float(np.degrees(latitude)), float(np.degrees(longitude)), float(height)]
+    config = from_tables({"gnss": {"near_deg": near, "near_radius_km": 0.01}})
+    methods = parse_methods("gnss-only,alignment-only,certified-only,lc4")
+    with pytest.raises(ConfigError, match="near_deg"):
+        compare([drive], methods, parse_outages("none"), Config())
+    found = as_dict(compare([drive], methods, parse_outages("none"), config))["methods"]
+    assert found["gnss-only"]["not_available"] == ["made: no GNSS positions"]
+    coupled, alone = (found[n]["errors"]["horizontal_rms_m"] for n in ("lc4", "alignment-only"))
+    assert coupled < 12.0 and coupled < 0.5 * alone
+    assert found["lc4"]["consistency"]["nees_out"] < 9.0
+    assert found["certified-only"]["errors"]["heading_rms_deg"] < 3.0
 
 
 def test_unknown_method_names_the_nearest():
