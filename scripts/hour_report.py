@@ -30,7 +30,7 @@ TABLE = re.compile(r"(?<=<!-- hour -->\n).*?(?=<!-- /hour -->)", re.DOTALL)
 
 
 def measured(code: str, *arguments: str) -> tuple[float, float, float]:
-    """Run Python code by itself; return seconds on the clock, of the processor, and MB at most."""
+    """Run code by itself; return seconds on the clock, of the processor, peak memory [MB]."""
     began = time.perf_counter()
     process = subprocess.Popen([sys.executable, "-c", code, *arguments])
     _, status, used = os.wait4(process.pid, 0)
