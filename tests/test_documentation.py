@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("", "nav", "alignment", "velocity", "datasets", "filters")
 #: Packages whose names all have examples.
-WITH_EXAMPLES = ("filters", "velocity")
+WITH_EXAMPLES = ("filters", "velocity", "datasets", "nav")
 
 
 def with_examples() -> list:

@@ -18,7 +18,8 @@ from bokeh.plotting import figure
 
 from ...filters.earth import ecef_to_lla
 from ...filters.rotation import FloatArray
-from ..evaluation.accuracy import standard_deviation, usable_at
+from ..evaluation.accuracy import standard_deviation
+from ..evaluation.interpolation import usable_at
 from ..page.board import Board
 from ..page.pictures import BLUE, INK, ORANGE, VERMILLION
 from ..page.plots import look
