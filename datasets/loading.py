@@ -106,6 +106,19 @@ def recognise(path: str | Path) -> str:
     ------
     DataError
         A missing path, a folder nothing recognises, or one that two formats claim.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from certnav.datasets import recognise
+    >>> Path("drive").mkdir()
+    >>> _ = [Path("drive", name).write_text("time") for name in ("imu.csv", "gnss.csv")]
+    >>> recognise("drive")
+    'oakville'
+    >>> recognise("nowhere")
+    Traceback (most recent call last):
+        ...
+    certnav.filters.errors.DataError: nowhere: no such file or folder — check the path
     """
     folder = Path(path)
     if not folder.exists():
@@ -200,6 +213,15 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
         What cannot be recognised or read.
     ConfigError
         An unknown format or option, with the nearest known one.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, load
+    >>> from certnav.datasets.great.writer import simulate_folder
+    >>> folder = simulate_folder(SimulationConfig("city", duration=20.0, density="open"), "city")
+    >>> sequence = load(folder)
+    >>> sequence.name, len(sequence.imu)
+    ('city', 2001)
     """
     known = formats()
     if format is not None and format not in known:

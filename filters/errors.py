@@ -15,7 +15,17 @@ _LONGEST, _TAIL = 600, 200
 
 
 class NavError(Exception):
-    """Base of everything certnav refuses knowingly; its text is one line, whatever a file holds."""
+    """Base of everything certnav refuses knowingly; its text is one line, whatever a file holds.
+
+    Examples
+    --------
+    >>> from certnav.filters import NavError, imu_preset
+    >>> try:
+    ...     imu_preset("adis16740")
+    ... except NavError as error:
+    ...     print(error)
+    IMU preset: unknown key 'adis16740' — did you mean 'adis16470'?
+    """
 
     def __str__(self) -> str:
         text = super().__str__()
@@ -39,6 +49,14 @@ class DataError(NavError):
         Its line, counted from 1.
     remedy : str, optional
         What to do about it.
+
+    Examples
+    --------
+    >>> from certnav.filters import DataError
+    >>> raise DataError("expected 7 columns, found 6", file="imu.txt", line=12, remedy="cut it")
+    Traceback (most recent call last):
+        ...
+    certnav.filters.errors.DataError: imu.txt:12: expected 7 columns, found 6 — cut it
     """
 
     def __init__(
@@ -55,7 +73,16 @@ class DataError(NavError):
 
 
 class ConfigError(NavError):
-    """A configuration key or value that cannot be used."""
+    """A configuration key or value that cannot be used.
+
+    Examples
+    --------
+    >>> from certnav.filters import ConfigError
+    >>> raise ConfigError.unknown_key("smooht", ["smooth", "gate"], where="filter")
+    Traceback (most recent call last):
+        ...
+    certnav.filters.errors.ConfigError: filter: unknown key 'smooht' — did you mean 'smooth'?
+    """
 
     @classmethod
     def unknown_key(cls, key: str, known: Iterable[str], where: str = "") -> ConfigError:
@@ -68,4 +95,15 @@ class ConfigError(NavError):
 
 
 class AlignmentError(NavError):
-    """There is no initial attitude yet; the message says why and what would help."""
+    """There is no initial attitude yet; the message says why and what would help.
+
+    Examples
+    --------
+    >>> from certnav.filters import AlignmentError, NavError
+    >>> issubclass(AlignmentError, NavError)
+    True
+    >>> raise AlignmentError("the car has not moved yet: drive faster than 3 m/s")
+    Traceback (most recent call last):
+        ...
+    certnav.filters.errors.AlignmentError: the car has not moved yet: drive faster than 3 m/s
+    """

@@ -373,6 +373,12 @@ class Config:
         See there.
     data : mapping
         Options of the reader, such as ``lever = "figure"``; the reader refuses unknown ones.
+
+    Examples
+    --------
+    >>> from certnav.nav import Config
+    >>> Config().gnss.min_cn0_dbhz, Config().filter.states
+    (35.0, 15)
     """
 
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)

@@ -22,6 +22,13 @@ class Note:
     severity : {'lost', 'doubtful', 'note'}
     text : str
         Without a full stop; figures with their units.
+
+    Examples
+    --------
+    >>> from certnav.nav import Note
+    >>> note = Note("doubtful", "gyro frozen for 8 s from SOW 180750.00")
+    >>> note.doubtful, str(note)
+    (True, 'doubtful: gyro frozen for 8 s from SOW 180750.00')
     """
 
     severity: str

@@ -71,6 +71,17 @@ def navigate(
     DataError
         If the sequence has no IMU data, or the solution diverged at once. Diverging later, it
         is cut there, and the notes say so.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, load
+    >>> from certnav.datasets.great.writer import simulate_folder
+    >>> from certnav.nav import Config, navigate
+    >>> folder = simulate_folder(SimulationConfig("city", duration=90.0, density="open"), "city")
+    >>> sequence = load(folder)
+    >>> solution = navigate(sequence, Config())
+    >>> solution.status, len(solution.trajectory) > 500
+    ('ok', True)
     """
     ran = _run(sequence, config, progress or _silent, prepared, until)
     return ran.solution(smoothed=True)

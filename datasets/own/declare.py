@@ -53,6 +53,16 @@ def draft_declaration(files: Sequence[str | Path]) -> str:
     ------
     DataError
         No files, or one that cannot be read as a table.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.datasets import draft_declaration
+    >>> rows = np.hstack([0.01 * np.arange(300)[:, None], np.tile([0, 0, 0, 0, 0, -9.8], (300, 1))])
+    >>> np.savetxt("imu.csv", rows, delimiter=",", header="t,gx,gy,gz,ax,ay,az", comments="")
+    >>> draft = draft_declaration(["imu.csv"])
+    >>> '"?"' in draft  # where only its owner knows the answer
+    True
     """
     paths = [Path(f) for f in files]
     if not paths:

@@ -77,6 +77,16 @@ class SimulationConfig:
     sky_seed : int, optional
         Of the satellites, which drives of one day with the same seed have in common; default: each
         drive has its own.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig
+    >>> SimulationConfig(density="canyon", seed=3).imu_rate
+    100.0
+    >>> SimulationConfig(duration=1.0)
+    Traceback (most recent call last):
+        ...
+    certnav.filters.errors.ConfigError: duration: expected at least 10 s, found 1
     """
 
     name: str = "simulated"
@@ -151,6 +161,15 @@ class Simulation:
         The IMU's true motion.
     calibration : Calibration
     base : BaseStation, optional
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, simulate
+    >>> drive = simulate(SimulationConfig(duration=10.0, density="open"))
+    >>> drive.gyro_bias.shape == drive.imu.gyro_b.shape  # the truth behind what the sensor reports
+    True
+    >>> drive.sequence().reference.source
+    'simulation truth'
     """
 
     config: SimulationConfig
@@ -223,7 +242,15 @@ def sample_times(config: SimulationConfig, rate: float) -> FloatArray:
 
 
 def simulate(config: SimulationConfig) -> Simulation:
-    """Return the simulated drive of a configuration, in memory."""
+    """Return the simulated drive of a configuration, in memory.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, simulate
+    >>> drive = simulate(SimulationConfig(duration=10.0, density="open", seed=1))
+    >>> len(drive.imu), drive.reference.source
+    (1001, 'simulation truth')
+    """
     start = config.start_time
     route = RouteConfig(
         duration=config.duration,

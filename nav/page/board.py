@@ -32,6 +32,7 @@ from bokeh.models import (
     WheelZoomTool,
 )
 from bokeh.plotting import figure
+from numpy.typing import NDArray
 
 from ...datasets.gpstime import to_calendar, to_week_sow
 from ...filters.rotation import FloatArray
@@ -111,7 +112,7 @@ class Board(Plots):
         With `scale` the ordinate follows what of it is in sight.
         """
         at = np.asarray(list(cut), dtype=int)
-        columns = {"t": np.insert(t, at, np.nan), "y": np.insert(y, at, np.nan).astype("f4")}
+        columns = {"t": _single(np.insert(t, at, np.nan)), "y": _single(np.insert(y, at, np.nan))}
         source = ColumnDataSource(columns, tags=["scale"] if scale else [])
         style = {"line_width": 1.4, "line_join": "round"} | style
         if t.size == 1:
@@ -135,7 +136,7 @@ class Board(Plots):
         label: str = "±3σ",
     ) -> None:  # fmt: skip
         """Fill what lies between `low` and `high`."""
-        source = ColumnDataSource({"t": t, "low": low.astype("f4"), "high": high.astype("f4")})
+        source = ColumnDataSource({"t": _single(t), "low": _single(low), "high": _single(high)})
         drawn = plot.varea("t", "low", "high", source=source, fill_color=colour, fill_alpha=0.3)
         self.legend(plot, label, [drawn])
 
@@ -178,6 +179,11 @@ class Board(Plots):
                 plot.xaxis.axis_label = "time since start [s]"
                 plot.height += 18
         return super().place(rows, alt, stretch)
+
+
+def _single(values: FloatArray) -> NDArray[np.float32]:
+    """Return what is drawn with the digits that can be seen: of a day's times 0.01 s."""
+    return values.astype(np.float32)
 
 
 def _clock(start: float) -> CustomJSHover:

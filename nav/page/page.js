@@ -4,7 +4,7 @@ window.certnav = (() => {
     const tag = document.getElementById(id);
     return tag ? JSON.parse(tag.textContent) : null;
   };
-  const floats = (text, Kind) =>
+  const numbers = (text, Kind) =>
     new Kind(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
   const documents = () => (typeof Bokeh === "undefined" ? [] : Bokeh.documents);
   const models = () => documents().flatMap((doc) => [...doc._all_models.values()]);
@@ -22,7 +22,7 @@ window.certnav = (() => {
   };
 
   // Statistics: each is a function of the rows in the span, as numpy would have it.
-  const known = (xs) => xs.filter(Number.isFinite);
+  const known = (xs) => Array.from(xs).filter(Number.isFinite);
   const rms = (xs) => Math.sqrt(xs.reduce((sum, x) => sum + x * x, 0) / xs.length);
   const mean = (xs) => xs.reduce((sum, x) => sum + x, 0) / xs.length;
   const percentile = (xs, p) => {
@@ -39,9 +39,10 @@ window.certnav = (() => {
   function load() {
     const raw = read("span-data");
     if (!raw) return;
-    table = { t: floats(raw.t, Float64Array), rows: raw.rows, columns: {} };
-    for (const [name, text] of Object.entries(raw.columns))
-      table.columns[name] = floats(text, Float32Array);
+    table = { t: numbers(raw.t, Float64Array), rows: raw.rows, columns: {} };
+    for (const row of raw.rows)
+      table.columns[row.column] = numbers(raw.columns[row.column],
+        row.statistic === "share" ? Uint8Array : Float32Array);
   }
   function figures(low, high) {
     const inside = [];

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...filters.rotation import FloatArray
-from ..evaluation.accuracy import usable_at
+from ..evaluation.interpolation import usable_at
 from ..results.directory import Result
 
 

@@ -15,6 +15,7 @@ from ..page.board import Board
 from ..page.quantities import duration, length, quantity
 from ..results.directory import Result, read_result
 from .bounds import protection, separation
+from .calibration import calibration
 from .map import track_map
 from .sky import Sky
 from .span import span_table
@@ -57,6 +58,7 @@ def build_report(result: Result) -> str:
             _section("Attitude", board, panels.attitude(), _attitude_caption(result)),
             _section("Motion", board, panels.motion(), ""),
             _bias_section(board, panels),
+            calibration(result.summary["installation"]),
             _update_section(result, board, panels),
             _start_section(result, board),
             _run_section(result),

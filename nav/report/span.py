@@ -61,7 +61,10 @@ def span_table(result: Result, start: float) -> str:
     count = f'<td class="n">{time.size}</td><td class="n" data-span="count"></td>'
     data = {
         "t": _base64((time - start)[::every], "f8"),
-        "columns": {name: _base64(columns[name][::every], "f4") for _, name, *_ in rows},
+        "columns": {
+            name: _base64(columns[name][::every], "u1" if how == "share" else "f4")
+            for _, name, how, *_ in rows
+        },
         "rows": [
             {"name": name, "column": column, "statistic": how, "unit": unit}
             for name, column, how, unit, _ in rows

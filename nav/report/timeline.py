@@ -200,13 +200,14 @@ class Timeline:
         t, w = np.array([s[0] for s in samples]), np.array([s[1] for s in samples])
         keep = thin(np.abs(w), 2 * _BINS) if fate == "accepted" else np.arange(w.size)[: 4 * _BINS]
         columns: dict[str, Any] = {
-            "t": t[keep], "y": np.clip(w[keep], -6.0, 6.0).astype("f4"), "w": w[keep].astype("f4"),
+            "t": t[keep].astype("f4"), "y": np.clip(w[keep], -6.0, 6.0).astype("f4"),
+            "w": w[keep].astype("f4"),
         }  # fmt: skip
         tips = [("", "@t{0.00} s since start"), (fate, "@w{0.00} σ")]
         if fate != "accepted":
             columns |= {"reason": [samples[k][3] for k in keep]}
             tips.append(("because", "@reason"))
-        if any(s[4] for s in samples):
+        if fate != "accepted" and any(s[4] for s in samples):  # those of all are in updates.csv
             columns |= {"sats": [samples[k][4] for k in keep]}
             tips.append(("satellites", "@sats"))
         drawn = plot.scatter(

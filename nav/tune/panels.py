@@ -115,7 +115,7 @@ def changes(found: Settings, plots: Plots) -> list[figure]:
                       min_border_left=10)  # fmt: skip
     plot.yaxis.visible = plot.ygrid.visible = False
     values = 100.0 * np.array([[c.value, c.low, c.high] for c in found.changes])
-    judged = np.isfinite(values).all(axis=1)
+    judged = np.asarray(np.isfinite(values).all(axis=1))
     drawn = np.clip(np.where(judged[:, None], values, 0.0), _LEAST, _MOST)
     colours = [{found.chosen: ORANGE, found.best: GREEN}.get(k, BLUE) for k in range(count)]
     names = [

@@ -302,9 +302,9 @@ def _statistics(tuning: Tuning) -> list[str]:
             (name, f.noise.floor, f.noise.sigma_45, f.noise.decade_db)
             for name, f in tuning.noise.items()
         )
-        columns = (
+        heads = (
             Column("Doppler noise"), Column("floor", "m/s", ".3f"),
             Column("at 45 dB-Hz", "m/s", ".3f"), Column("tenfold per", "dB", ".1f"),
         )  # fmt: skip
-        out += ["<h2>Receivers</h2>", Table("receivers", "Doppler noise", columns, fits).html()]
+        out += ["<h2>Receivers</h2>", Table("receivers", "Doppler noise", heads, fits).html()]
     return out

@@ -265,6 +265,8 @@ def build_page(found: Settings) -> str:
         "they are, with 95 % intervals over blocks of time or spells, over recordings where there "
         "are three or more. Weights are never judged on what they were fitted to.</p>",
         candidates_table(found).html(),
+        '<p class="note">Below: change of both together with its 95 % interval; orange is '
+        "recommended, green has the least error. What is beyond −90 % or +150 % ends there.</p>",
         plots.cells(panels.changes(found, plots), "Change of the error with its interval"),
         plots.cells(costs, "Drift over epochs held") if costs else "",
         f"<h2>Cross-validation over {found.folds_by}</h2>",
