@@ -128,7 +128,12 @@ def recognise(path: str | Path) -> str:
     if not folder.is_dir():
         if FORMATS["receiver"].detect(folder):
             return "receiver"
-        raise DataError("expected a folder, found a file", file=folder, remedy="name its folder")
+        raise DataError(
+            "neither RINEX observations nor a receiver's log (UBX, SBF, RTCM 3, NovAtel OEM)",
+            file=folder,
+            remedy="name the folder of a recording; fixes (NMEA, CSV) go beside an IMU's file: "
+            "certnav run FILE --imu IMU.csv",
+        )
     known = formats()
     found = [name for name, kind in known.items() if kind.detect(folder)]
     if "declared" in found:
