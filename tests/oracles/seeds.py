@@ -256,7 +256,7 @@ def _whole_ephemerides(file: Path) -> None:
 
 
 def _precise_seeds(root: Path, d: Drive, rover: Path, navigation: Path) -> Target:
-    """Write orbits, clocks and antennas of some satellites that go straight on from where they are."""
+    """Write orbits, clocks and antennas of satellites that go straight on from where they are."""
     from .products import write_antex, write_clk, write_sp3
 
     folder = _folder(root, "precise")

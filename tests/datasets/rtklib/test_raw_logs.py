@@ -97,6 +97,30 @@ def test_a_log_and_its_twin_have_one_solution(tmp_path, twin, epochs, ephemeride
     np.testing.assert_array_equal(read.cn0, twins.cn0)
 
 
+def test_pyubx2_reads_what_was_meant(epochs, ephemerides):
+    """The log that the tests write is what u-blox's messages are, says another reader of them."""
+    pyubx2 = pytest.importorskip("pyubx2")
+    time, rows = epochs[7]
+    raw = logs.rawx(time, rows)
+    m = pyubx2.UBXReader.parse(raw)
+    assert (m.identity, m.numMeas, m.week) == ("RXM-RAWX", len(rows), int(time // 604800))
+    assert m.rcvTow == time % 604800 and m.leapS == 18
+    for k, row in enumerate(rows, start=1):
+        names = ("prMes", "cpMes", "doMes", "gnssId", "svId", "sigId", "cno", "prValid", "halfCyc")
+        found = [getattr(m, f"{name}_{k:02d}") for name in names]
+        expected = [row.pseudorange, row.carrier, np.float32(row.doppler), 0, int(row.sat[1:]), 0]
+        assert found[:6] == pytest.approx(expected, rel=1e-12)
+        assert found[6:] == [row.cn0, 1, 1]
+    again = pyubx2.UBXMessage(b"\x02", b"\x15", pyubx2.GET, payload=raw[6:-2])
+    assert again.serialize() == raw
+    name, ephemeris = ephemerides[0]
+    words = [w << 6 for w in logs.lnav(ephemeris, 1, time)]
+    m = pyubx2.UBXReader.parse(logs.sfrbx(name, words))
+    assert (m.identity, m.gnssId, m.svId, m.numWords) == ("RXM-SFRBX", 0, int(name[1:]), 10)
+    said = [getattr(m, f"dwrd_{k:02d}") for k in range(1, 11)]
+    assert said == words
+
+
 def test_the_ephemerides_of_a_log_are_those_that_were_sent(tmp_path, drive, frames):
     """The message holds them in steps; orbits are metres, steps centimetres."""
     log = raw_log(written(tmp_path, "drive.ubx", frames))
