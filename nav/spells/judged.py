@@ -1,4 +1,4 @@
-"""The spells of a drive that can be judged: where satellites can be left, and a reference has been."""
+"""The spells of a drive that can be judged: satellites can be left, and a reference has been."""
 
 from __future__ import annotations
 
