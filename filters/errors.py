@@ -12,6 +12,30 @@ from pathlib import Path
 
 #: An error is one line; of longer ones the middle is left out.
 _LONGEST, _TAIL = 600, 200
+#: Copies made for a program's sake: what they are made of, and whether its lines are theirs.
+_MADE_OF: dict[str, tuple[str, bool]] = {}
+
+
+def made_of(copy: str | Path, original: str | Path, lines: bool = True) -> None:
+    """Let errors about a copy name the file that the user knows.
+
+    Parameters
+    ----------
+    copy, original : path
+    lines : bool
+        Whether they have the same lines: unpacked, not converted.
+    """
+    _MADE_OF[str(copy)] = as_given(original), lines
+
+
+def as_given(file: str | Path) -> str:
+    """Return the file that a copy was made of; itself if it is none."""
+    return _MADE_OF.get(str(file), (str(file), True))[0]
+
+
+def is_converted(file: str | Path) -> bool:
+    """Return whether a file was converted from one of another kind."""
+    return not _MADE_OF.get(str(file), ("", True))[1]
 
 
 class NavError(Exception):
@@ -67,6 +91,9 @@ class DataError(NavError):
         line: int | None = None,
         remedy: str | None = None,
     ) -> None:
+        if file is not None:
+            line = None if is_converted(file) else line
+            file = as_given(file)
         where = "" if file is None else f"{file}:{line}: " if line is not None else f"{file}: "
         super().__init__(f"{where}{problem}" + (f" — {remedy}" if remedy else ""))
         self.problem, self.file, self.line, self.remedy = problem, file, line, remedy

@@ -123,6 +123,7 @@ class _Ran:
             *said,
             *plain(sequence.notes),
             *plain([str(installed), *installed.antenna.lines()]),
+            *course.vehicle.notes,
             *self.timeline.notes,
             *self.notes,
             *_imu_gaps(sequence),

@@ -219,6 +219,22 @@ class Resolution:
     direction: str
     base_apart_m: float
 
+    @property
+    def shares(self) -> str:
+        """How many positions are what, in words."""
+        offered = self.fixed + self.floating + self.dgps + self.single
+        if not offered:
+            return "no positions"
+        said = f"{self.fixed} fixed ({100.0 * self.fixed / offered:.0f} %), {self.floating} float"
+        without = self.single - self.contradicted
+        for count, words in (
+            (self.dgps, "of code alone"),
+            (self.contradicted, "contradicted by their pseudoranges"),
+            (without, "without a relative position"),
+        ):
+            said += f", {count} {words}" if count else ""
+        return said + (f"; ratio {self.ratio_median:.1f}" if self.fixed else "")
+
 
 @dataclass(frozen=True)
 class Protection:

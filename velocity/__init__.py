@@ -14,6 +14,7 @@
     doppler_noise      a receiver's noise over C/N0 and elevation, fitted to what it did
     constellations     their Doppler held against each other: drift, and noise
     phase_rates        range rates from the carrier's phase, and Doppler held against them
+    wheel_speed        how late an odometer is, and its scale
     mounting           the IMU's mounting in the vehicle, from straight driving
     tracks             velocities of a recording from every source it has
 

@@ -25,7 +25,7 @@ from ..text.columns import open_text
 from . import column_roles as roles
 from .column_roles import Sampled
 from .declaration import BLANK, NAME
-from .receivers import bag_sections, kinds_of
+from .receivers import bag_sections, kinds_of, with_week
 
 _COLUMN = 44
 _SPEEDS = "m/s, km/h, knots or ft/s"
@@ -70,6 +70,7 @@ def draft_declaration(files: Sequence[str | Path]) -> str:
     home = _absolute(paths[0]).parent
     sections: dict[str, list[str]] = {}
     rinex: dict[str, list[str]] = {"O": [], "N": []}
+    observed: Path | None = None
     for path in paths:
         if path.exists() and is_bag(path):
             sections = bag_sections(path, _relative(path, home)) | sections
@@ -84,6 +85,8 @@ def draft_declaration(files: Sequence[str | Path]) -> str:
         kinds = kinds_of(path)
         for kind in kinds:
             rinex[kind].append(name)
+        if "O" in kinds:
+            observed = path
         if kinds:
             continue
         section, lines = _draft_file(path, name)
@@ -95,6 +98,8 @@ def draft_declaration(files: Sequence[str | Path]) -> str:
         sections[section] = lines
     if rinex["O"] or rinex["N"]:
         sections["rinex"] = _rinex_section(rinex)
+    if observed is not None and "imu" in sections:
+        sections["imu"] = with_week(sections["imu"], observed)
     return _assemble(sections)
 
 

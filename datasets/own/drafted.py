@@ -19,7 +19,7 @@ def declaration_of(log: Path, imu: Path) -> Path:
     Parameters
     ----------
     log : Path
-        RINEX observations or a receiver's log.
+        RINEX observations, or a receiver's log: raw messages, or fixes (UBX NAV-PVT, NMEA).
     imu : Path
 
     Raises
@@ -31,6 +31,12 @@ def declaration_of(log: Path, imu: Path) -> Path:
         there is of other files.
     """
     for file in (log, imu):
+        if file.is_dir():
+            raise DataError(
+                "expected a file, found a folder",
+                file=file,
+                remedy="--imu goes with one file of a receiver; a folder is named without it",
+            )
         if not file.is_file():
             raise DataError("file not found", file=file, remedy="check the name")
     file = log.with_name(f"{log.name.partition('.')[0]}.toml")
@@ -50,7 +56,8 @@ def declaration_of(log: Path, imu: Path) -> Path:
             f'are still "{BLANK}" — fill them in, and give the same command again'
         )
     declared = read_declaration(file)
-    for section, key, given in (("rinex", "observations", log), ("imu", "file", imu)):
+    receiver = ("rinex", "observations") if "rinex" in declared.sections else ("gnss", "file")
+    for (section, key), given in ((receiver, log), (("imu", "file"), imu)):
         values = declared.sections[section].values if section in declared.sections else {}
         name = values.get(key)
         if not isinstance(name, str) or (file.parent / name).resolve() != given.resolve():

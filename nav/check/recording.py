@@ -164,6 +164,8 @@ def _imu(sequence: Sequence, found: Tracks, kind: str) -> Iterator[Finding]:
     """Test the IMU by itself, then its time, then, with time put right, its axes."""
     if sequence.imu is None:
         remedy = "a run needs accelerometers and gyros; speed and yaw rate only serve alignment"
+        if sequence.rover_file is not None:
+            remedy = "name the IMU's file beside the receiver's: certnav run FILE --imu IMU.csv"
         yield Finding("fatal", "IMU", "none in this recording", remedy)
         return
     yield from inertial_findings(sequence, found.gnss)

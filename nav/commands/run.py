@@ -45,6 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(gnss.position = rtk)",
     )  # fmt: skip
     parser.add_argument(
+        "--precise", action="append", default=[], metavar="FILE",
+        help="precise orbits (SP3), clocks or antennas (ANTEX); repeatable (data.precise)",
+    )  # fmt: skip
+    parser.add_argument(
         "--great", metavar="NAME",
         help="the folder is this GREAT sequence (campus-01 …): take what the catalogue knows of it",
     )  # fmt: skip
@@ -86,6 +90,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.base is not None:
         gnss = dataclasses.replace(config.gnss, base=str(arguments.base), position="rtk")
         config = dataclasses.replace(config, gnss=gnss)
+    if arguments.precise:
+        data = {**config.data, "precise": arguments.precise}
+        config = dataclasses.replace(config, data=data)
     path = arguments.path
     if arguments.imu is not None:
         path = declaration_of(path, arguments.imu)

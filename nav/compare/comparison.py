@@ -34,6 +34,7 @@ from ..results.directory import write_result
 from ..solution import AlignmentReport, Solution
 from ..spells.degradation import degrade
 from ..spells.drift import as_reference
+from ..spells.judged import Seen, judged_spells
 from ..spells.outages import Outages, Spell, in_spells
 from ..sweep.drives import Source, checked_drive
 from ..sweep.parallel import in_parallel
@@ -42,9 +43,6 @@ from .directories import write_sidecar
 from .methods import Method, solve
 from .others import Judge, Other, judged, notes_of
 from .runs import Comparison, Run, reduced, thin_track
-
-#: After alignment, before the first periodic spell [s]: a filter needs to settle.
-SETTLE = 10.0
 
 
 class _Last(threading.local):
@@ -150,11 +148,10 @@ def compare(
     for drive, one in zip(drives, found, strict=True):
         notes += [f"{one.name}: {note}" for note in one.notes]
         judge = Shared(itself, (one.made,))
-        first, last = one.span
-        quiet = 0.0 if np.isfinite(outages.start) else SETTLE
         for shift in outages.shifts:
-            spells = outages.spells(first, last, one.alignment.time + quiet, shift)
+            spells, said = judged_spells(outages, one.seen, one.alignment.time, shift)
             place = f"{one.name}@{shift:g}" if several else ""
+            notes += [f"{place or one.name}: {note}" for note in said]
             for seed in draws:
                 variant = _Variant(
                     uuid.uuid4().hex, one.name, one.alignment, _untouched(one.starts, spells),
@@ -230,7 +227,7 @@ class _Drive:
     """
 
     name: str
-    span: tuple[float, float]
+    seen: Seen
     alignment: AlignmentReport
     starts: dict[Key, Found]
     notes: tuple[str, ...]
@@ -271,7 +268,7 @@ def _without_spells(
     judged_by = _with_judge(sequence, made)
     assert judged_by.reference is not None
     return _Drive(
-        sequence.name, sequence.span, undisturbed.alignment, prepared.starts, tuple(notes),
+        sequence.name, Seen.of(judged_by), undisturbed.alignment, prepared.starts, tuple(notes),
         thin_track(judged_by.reference.pos_e), made, Judge.of(judged_by) if others else None,
     )  # fmt: skip
 

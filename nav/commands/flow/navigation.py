@@ -150,7 +150,7 @@ def _checked(sequence: Sequence, config: Config, checked: bool) -> list[Finding]
         if finding.severity == "fatal":
             raise DataError(
                 f"{sequence.name}: {finding.subject}: {finding.found}",
-                remedy=way_out(finding.remedy),
+                remedy=finding.remedy if sequence.imu is None else way_out(finding.remedy),
             )
     return [finding for finding in findings if finding.severity == "doubtful"]
 
@@ -187,12 +187,7 @@ def _print_summary(
     for kind, (accepted, offered) in counts.items():
         print(f"  {kind:<11} {accepted} of {offered} updates used")
     if (rtk := solution.resolution) is not None:
-        offered = max(rtk.fixed + rtk.floating + rtk.dgps + rtk.single, 1)
-        print(
-            f"  RTK         {rtk.fixed} fixed ({100.0 * rtk.fixed / offered:.0f} %), "
-            f"{rtk.floating} float, {rtk.dgps + rtk.single} without phase; ratio "
-            f"{rtk.ratio_median:.1f}"
-        )
+        print(f"  RTK         {rtk.shares}")
     if solution.installation is not None:
         for line in (str(solution.installation), *solution.installation.antenna.lines()):
             print(f"  {line}")

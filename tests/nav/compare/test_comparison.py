@@ -239,3 +239,36 @@ def test_window_headings_are_on_the_page():
     weak = {"windows_in_spells": 0, "solved_in_spells": 0, "mae_in_spells_deg": float("nan")}
     run = Run("alignment-heading", "drive", "@0", headings=summary([]) | weak)
     assert "Heading of sliding-window alignment" in build_page(Comparison((run,), {}, "60/180"))
+
+
+def test_spells_are_where_they_can_be_judged_and_satellites_be_left():
+    """Of 15 s in every 30 s: one whose end no reference has seen, one without observations."""
+    drive = _drive(noise=False)
+    begin = drive.span[0]
+    reference, observed = drive.reference, drive.observations
+    # Spells end at second 30, 60, 90, 120 and 150; the reference is blind around second 90.
+    seen = np.abs(reference.time - begin - 90.0) > 4.0
+    blind = dataclasses.replace(
+        drive,
+        reference=dataclasses.replace(
+            reference,
+            **{
+                f.name: getattr(reference, f.name)[seen]
+                for f in dataclasses.fields(reference)
+                if isinstance(getattr(reference, f.name), np.ndarray)
+                and len(getattr(reference, f.name)) == seen.size
+            },
+        ),
+        observations=observed.take(observed.time < begin + 125.0),
+    )
+    found = compare([blind], parse_methods("lc4"), parse_outages("15/30:2"), Config())
+    ends = [round(spell.end - begin) for spell in found.runs[0].spells]
+    assert ends == [30, 60, 120]
+    assert any(
+        "1 of 4 spells that the reference has not seen begin or end" in n for n in found.notes
+    )
+    assert any("spells up to second 124: later there are no observations" in n for n in found.notes)
+    none_left = compare([blind], parse_methods("lc4"), parse_outages("15/30"), Config())
+    assert [round(s.end - begin) for s in none_left.runs[0].spells] == [30, 60, 120, 150]
+    with pytest.raises(DataError, match="has seen none of 1 spells begin and end"):
+        compare([blind], parse_methods("lc4"), parse_outages("15/90:2"), Config())
