@@ -144,7 +144,7 @@ def test_one_recording_that_fails_costs_the_others_nothing(rehearsal, tmp_path, 
     capsys.readouterr()
     assert certnav(["great", "--data", str(site / "data"), *command[2:]]) == 1
     said = capsys.readouterr().out
-    assert "suburb-01 left out" in said
+    assert "suburb-01-simulated left out" in said
     content = json.loads((site / "great.json").read_text())
     assert [run["recording"] for run in content["runs"]] == ["Dataset_campus-01-simulated"]
     assert "suburb-01" in (site / "index.html").read_text()
