@@ -1,7 +1,7 @@
 """Rehearse a release of GREAT: its archives, simulated, through `certnav great` to the pages.
 
     python scripts/great_rehearsal.py [--out DIR] [--seconds 200] [--only campus-01,urban-02]
-                                      [--outages 30/90:2-3] [--methods LIST] [--jobs 2]
+                                      [--outages 30/90:2-3] [--methods LIST] [--skip LIST]
 
 makes DIR/downloads, archives with the names and the inner layout of the download page (one IMU.zip
 and one reference a sequence, GNSS_RAW_DATA of all of them: a day's rover file and ephemerides),
@@ -177,7 +177,7 @@ def rehearse(out: Path, arguments: argparse.Namespace) -> int:
     site = out / "site"
     command = [
         "great", str(downloads), "--out", str(site), "--outages", arguments.outages,
-        "--methods", arguments.methods, "--jobs", str(arguments.jobs),
+        "--methods", arguments.methods, "--jobs", str(arguments.jobs), "--skip", arguments.skip,
     ]  # fmt: skip
     if arguments.scheduler:
         command += ["--scheduler", arguments.scheduler]
@@ -200,6 +200,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--only", default="", metavar="LIST", help="these sequences")
     made.add_argument("--outages", default="30/90:2-3", metavar="SPEC")
     made.add_argument("--methods", default="all", metavar="LIST")
+    made.add_argument("--skip", default="", metavar="LIST", help="steps to leave out")
     made.add_argument("--jobs", type=int, default=2)
     made.add_argument("--scheduler", metavar="ADDRESS")
     return made

@@ -21,7 +21,7 @@ from ....datasets.cache import kept_in
 from ....datasets.great.reader import SIMULATED
 from ....datasets.placing import write_file, written_whole
 from ....datasets.sequence import Sequence
-from ....filters.errors import NavError
+from ....filters.errors import DataError, NavError
 from ...check.recording import read_and_checked
 from ...compare.comparison import compare
 from ...compare.methods import Method
@@ -232,6 +232,8 @@ def _run(
 
 
 def _compare(work: Work, chosen: list[Looked], out: Path, report: Say) -> None:
+    if not chosen:
+        raise DataError("no recording has been navigated: nothing to compare")
     with written_whole(out / COMPARISON) as draft:
         whole = compare(
             [one.folder for one in chosen], work.methods, work.outages, work.config,
