@@ -271,7 +271,7 @@ def start_up(attempts: Sequence[tuple[float, str]], board: Board) -> list[list[f
     t = np.array([time for time, _ in attempts]) - board.start
     plot = figure(
         height=60 + 34 * len(reasons), sizing_mode="stretch_width", tools=[],
-        y_range=FactorRange(*reversed(reasons)), toolbar_location=None,
+        y_range=FactorRange(*reversed(reasons), range_padding=0.4), toolbar_location=None,
         title="What the start waited for",
     )  # fmt: skip
     look(plot)
