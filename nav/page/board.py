@@ -105,15 +105,19 @@ class Board(Plots):
         *,
         cut: Iterable[int] = (),
         scale: bool = False,
+        full: str = "",
         **style: Any,
     ) -> None:
         """Draw a line, broken before the indices `cut`; hovering it tells time and value.
 
-        With `scale` the ordinate follows what of it is in sight.
+        With `scale` the ordinate follows what of it is in sight; `full` names the column of the
+        page's own table that has all of a line that was thinned.
         """
         at = np.asarray(list(cut), dtype=int)
         columns = {"t": _single(np.insert(t, at, np.nan)), "y": _single(np.insert(y, at, np.nan))}
-        source = ColumnDataSource(columns, tags=["scale"] if scale else [])
+        source = ColumnDataSource(columns, tags=["scale"] * scale)
+        if full:
+            source.tags.append(f"full:{full}")
         style = {"line_width": 1.4, "line_join": "round"} | style
         if t.size == 1:
             drawn = plot.scatter("t", "y", source=source, color=colour, size=5)

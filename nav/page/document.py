@@ -75,6 +75,7 @@ summary { cursor: pointer; }
 @media (max-width: 600px) {
   main { padding: 16px 12px 40px; } h1 { font-size: 24px; overflow-wrap: anywhere; }
   .verdict { font-size: 16px; } .cards { grid-template-columns: 1fr 1fr; }
+  .cards div:last-child:nth-child(odd) { grid-column: span 2; }
   th, td { padding-right: 8px; } .span, .switches { position: static; }
   .wide table tbody th { min-width: 7.5em; overflow-wrap: anywhere; }
 }

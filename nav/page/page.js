@@ -40,9 +40,14 @@ window.certnav = (() => {
     const raw = read("span-data");
     if (!raw) return;
     table = { t: numbers(raw.t, Float64Array), rows: raw.rows, columns: {} };
-    for (const row of raw.rows)
-      table.columns[row.column] = numbers(raw.columns[row.column],
-        row.statistic === "share" ? Uint8Array : Float32Array);
+    const columns = table.columns;
+    for (const [name, text] of Object.entries(raw.columns))
+      columns[name] = numbers(text, name === "inside" ? Uint8Array : Float32Array);
+    if (!columns.horizontal) {
+      const { north, east, up } = columns;
+      columns.horizontal = Float64Array.from(north, (x, k) => Math.hypot(x, east[k]));
+      columns.position = Float64Array.from(north, (x, k) => Math.hypot(x, east[k], up[k]));
+    }
   }
   function figures(low, high) {
     const inside = [];
@@ -75,6 +80,29 @@ window.certnav = (() => {
       if (!box) return;
       box.left = low;
       box.right = high;
+    }
+  }
+  // Lines are thinned to what a page of the whole shows; of a short span all epochs are here.
+  const thinned = new Map();
+  function refine() {
+    if (!table) return;
+    const t = table.t;
+    let first = t.findIndex((x) => x >= range.start), last = t.findLastIndex((x) => x <= range.end);
+    first = Math.max(first - 1, 0);
+    last = Math.min(last + 2, t.length);
+    const near = last - first <= 5000 && last - first < t.length;
+    for (const source of models().filter((m) => m.tags?.some?.((tag) => tag.startsWith("full:")))) {
+      if (!thinned.has(source)) thinned.set(source, source.data);
+      if (!near) { source.data = thinned.get(source); continue; }
+      const name = source.tags.find((tag) => tag.startsWith("full:")).slice(5);
+      const steps = Array.from(t.subarray(first + 1, last), (x, k) => x - t[first + k]).sort((a, b) => a - b);
+      const hole = Math.max(1.5, 5 * (steps[steps.length >> 1] ?? 0)), at = [], y = [];
+      for (let k = first; k < last; k++) {
+        if (k > first && t[k] - t[k - 1] > hole) { at.push(NaN); y.push(NaN); }
+        at.push(t[k]);
+        y.push(table.columns[name][k]);
+      }
+      source.data = { t: at, y };
     }
   }
   // The ordinate follows the lines that ask for it; a band may widen it by a little only.
@@ -112,6 +140,7 @@ window.certnav = (() => {
   function zoomed() {
     clearTimeout(waiting);
     waiting = setTimeout(() => {
+      refine();
       rescale();
       if (!span) show(Math.max(range.start, whole[0]), Math.min(range.end, whole[1]));
     }, 80);

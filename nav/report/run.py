@@ -300,6 +300,10 @@ def _alignment_details(result: Result) -> str:
     return "".join(parts)
 
 
+def _after(seconds: float | None) -> str:
+    return quantity(None if seconds is None else round(seconds, 2), "s")
+
+
 def _run_section(result: Result) -> str:
     alignment, sensors = result.summary["alignment"], result.summary["sensors"]
     sigma = quantity(alignment["sigma_heading_deg"], "°")
@@ -314,7 +318,7 @@ def _run_section(result: Result) -> str:
     return (
         "<h2>Run</h2>\n"
         f"<h3>Alignment</h3><p>{escape(str(alignment['status']).capitalize())} by "
-        f"{escape(alignment['method'])}, {quantity(alignment['time_s'], 's')} after the start of "
+        f"{escape(alignment['method'])}, {_after(alignment['time_s'])} after the start of "
         f"the data; heading 1σ {sigma}.{escape(message)}</p>\n"
         f"{_alignment_details(result)}"
         f"{_resolution(result)}"

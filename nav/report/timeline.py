@@ -19,6 +19,7 @@ from ..page.thinning import pieces, runs, thin
 from ..results.directory import Result
 from ..results.formats import geodetic_and_ned
 from .coverage import age_of_position, gnss_state
+from .span import ROWS
 
 #: Shading behind lines, by the GNSS states of `gnss_state`.
 SHADES = {1: "#FBE7BF", 2: "#DCDFE4"}
@@ -66,7 +67,10 @@ class Timeline:
     def position(self) -> list[list[figure]]:
         """Draw position errors and ±3σ, or ±3σ alone."""
         sigma3 = 3.0 * standard_deviation(self.trajectory.cov_pos_n)
-        return [[p] for p in self._errors(self.result.evaluation.error_pos_n, sigma3, _NED, "m")]
+        evaluation = self.result.evaluation
+        full = ("north", "east", "up") if evaluation.time.size <= ROWS else ("",) * 3
+        plots = self._errors(evaluation.error_pos_n, sigma3, _NED, "m", full=full)
+        return [[p] for p in plots]
 
     def velocity(self) -> list[list[figure]]:
         """Draw velocity errors and ±3σ."""
@@ -226,15 +230,17 @@ class Timeline:
 
     def line(
         self, plot: figure, t: FloatArray, y: FloatArray, colour: str, label: str, unit: str,
-        *, wrap: float | None = None, scale: bool = False,
+        *, wrap: float | None = None, scale: bool = False, full: str = "",
     ) -> None:  # fmt: skip
         """Draw a thinned line, broken at holes in time and where an angle wraps."""
         keep, cut = pieces(t, y, wrap, _BINS)
-        self.board.line(plot, t[keep], y[keep], colour, label, unit, cut=cut, scale=scale)
+        self.board.line(
+            plot, t[keep], y[keep], colour, label, unit, cut=cut, scale=scale, full=full
+        )
 
     def _errors(
         self, error: FloatArray, sigma3: FloatArray, names: Sequence[str], unit: str,
-        raw: FloatArray | None = None,
+        raw: FloatArray | None = None, full: Sequence[str] = ("",) * 3,
     ) -> list[figure]:  # fmt: skip
         """Draw each error with its ±3σ on a scale on which the error shows; else ±3σ alone."""
         out = []
@@ -250,7 +256,7 @@ class Timeline:
                 if raw is not None:
                     self.line(plot, t_error, raw[:, k], GREY, "raw", unit)
                 label = "error" if raw is None else "misalignment removed"
-                self.line(plot, t_error, error[:, k], BLUE, label, unit, scale=True)
+                self.line(plot, t_error, error[:, k], BLUE, label, unit, scale=True, full=full[k])
             limit = 1.1 * float(sigma3[:, k].max()) or 1.0
             plot.y_range = Range1d(-limit, limit)
             out.append(plot)
@@ -264,12 +270,15 @@ def start_up(attempts: Sequence[tuple[float, str]], board: Board) -> list[list[f
         return []
     t = np.array([time for time, _ in attempts]) - board.start
     plot = figure(
-        height=60 + 26 * len(reasons), sizing_mode="stretch_width", tools=[],
-        y_range=FactorRange(*reversed(reasons)), toolbar_location=None,
+        height=60 + 34 * len(reasons), sizing_mode="stretch_width", tools=[],
+        y_range=FactorRange(*reversed(reasons), range_padding=0.4), toolbar_location=None,
         title="What the start waited for",
     )  # fmt: skip
     look(plot)
     plot.xaxis.axis_label = "time since start [s]"
+    plot.yaxis.visible = plot.ygrid.visible = False  # the names stand over their marks
+    plot.text([float(t.min())] * len(reasons), reasons, reasons, text_font_size="11px",
+              text_color=INK, y_offset=-7)  # fmt: skip
     source = ColumnDataSource({
         "t": t, "y": [_reason(m) for _, m in attempts], "message": [m for _, m in attempts],
     })  # fmt: skip

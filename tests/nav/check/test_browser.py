@@ -51,7 +51,10 @@ def test_a_finding_has_a_link_to_its_span(drive, checked):
     page, report = checked(frozen)
     assert any("frozen" in f.found for f in report.of("doubtful"))
     page.locator("li", has_text="frozen").locator("button[data-from]").click()
-    page.wait_for_timeout(300)
+    page.wait_for_function(
+        "() => { const t = Bokeh.documents[0].get_model_by_name('time');"
+        " return t.end - t.start < 20 }"
+    )
     low, high = page.evaluate(
         "() => { const t = Bokeh.documents[0].get_model_by_name('time'); return [t.start, t.end] }"
     )

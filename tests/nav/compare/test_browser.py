@@ -81,8 +81,7 @@ def test_a_zoom_changes_all_plots_over_time_since_loss(comparison, look_at, tmp_
     box = plot.locator(".bk-Figure").bounding_box()
     page.mouse.move(box["x"] + 400, box["y"] + 150)
     page.mouse.dblclick(box["x"] + 400, box["y"] + 150)
-    page.wait_for_timeout(300)
-    assert page.evaluate(ends) == [[0.0, 60.0]] * (1 + len(METHODS))
+    page.wait_for_function(f"() => ({ends})().every(([a, b]) => a === 0 && b === 60)")
 
 
 def test_tables_are_sorted_by_number_and_saved_with_all_digits(comparison, look_at, tmp_path):
