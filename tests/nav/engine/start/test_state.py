@@ -1,6 +1,7 @@
 """What a start knows becomes the filter's state and covariance, in the filter's axes."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from certnav.filters.rotation import matrix_from_rpy
 from certnav.filters.strapdown import NavState
 from certnav.nav.config import FilterConfig
 from certnav.nav.engine.events import GnssEvent
+from certnav.nav.engine.legs import told
 from certnav.nav.engine.start.state import Start, start_filter
 from oracles import rigs
 
@@ -124,3 +126,13 @@ def test_a_heading_by_course_is_as_uncertain_as_the_mounting(method):
     h = np.zeros(model.size)
     h[ATT], h[yaw] = down_b, 1.0
     assert h @ P @ h == pytest.approx(own + 0.01 * (not by_course))
+
+
+def test_what_was_open_about_a_start_is_a_doubt_of_the_run():
+    def leg(doubt):
+        start = SimpleNamespace(doubt=doubt, state=SimpleNamespace(time=1.29e9))
+        return SimpleNamespace(lost="", start=start)
+
+    assert told([leg("")], 1.3e9, "") == ("ok", [])
+    status, (note,) = told([leg("nose or tail?")], 1.3e9, "")
+    assert status == "ok" and note.doubtful and note.text.endswith(": nose or tail?")
