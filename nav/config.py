@@ -60,7 +60,7 @@ class AlignmentConfig:
         Certified: 1σ that the heading must have, beyond the verdicts.
     position_age_s : float
         Certified: how long before the window's end the latest position may be; ``inf`` takes any.
-        From there on it is carried by the window's own velocity.
+        From there on it is carried by the window's own motion, as well as that is known.
     """
 
     method: str = "auto"
@@ -73,7 +73,7 @@ class AlignmentConfig:
     sigma_clock_walk_mps: float = 0.1
     max_window_s: float = 60.0
     max_sigma_heading_deg: float = 1.5
-    position_age_s: float = 2.5
+    position_age_s: float = 60.0
 
     def __post_init__(self) -> None:
         _choice("alignment.method", self.method, ("auto", "certified", "level+course", "given"))

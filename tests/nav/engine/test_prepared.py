@@ -122,8 +122,8 @@ def test_a_certified_start_carries_a_position_from_long_before(drive):
     few = dataclasses.replace(drive, fixes=silent)
     few = _few_satellites_until(few, begin + 34.0)
     with pytest.raises(AlignmentError, match=r"within 2\.5 s"):
-        _certified(few)
-    start = _certified(few, position_age_s=np.inf)
+        _certified(few, position_age_s=2.5)
+    start = _certified(few)
     assert start.known > few.fixes.time[-1] + 2.5
     truth = drive.reference
     at = int(np.argmin(np.abs(truth.time - start.state.time)))

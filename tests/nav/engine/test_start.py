@@ -131,7 +131,8 @@ def test_a_position_must_be_near(moving, events):
     _, sequence = moving
     first = [e for e in events if e.kind == "position"][:1]
     others = [e for e in events if e.kind != "position"]
-    finder = StartFinder(*ingredients(sequence, method="certified"))
+    near = {"method": "certified", "position_age_s": 2.5}
+    finder = StartFinder(*ingredients(sequence, **near))
     assert all(finder.offer(event) is None for event in first + others)
     assert "no GNSS position within 2.5 s" in finder.waiting
 
