@@ -126,7 +126,7 @@ def test_a_day_s_file_is_cut_to_each_sequence(rehearsal, tmp_path):
         near = np.degrees(ecef_to_lla(drive.reference.pos_e[0]))[:2]
         np.testing.assert_allclose(near, (30.53, 114.36), atol=0.02)
     assert any("before or after the IMU left out" in note for note in first.notes)
-    assert holdings(third)["below_four"] >= 4 / 60  # where there is no epoch there is no satellite
+    assert holdings(third)["below_four"] > 0.06  # where there is no epoch there is no satellite
 
 
 def test_one_recording_that_fails_costs_the_others_nothing(rehearsal, tmp_path, capsys):
