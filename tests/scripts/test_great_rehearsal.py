@@ -13,6 +13,7 @@ from certnav.datasets.great.reader import SIMULATED
 from certnav.datasets.loading import load
 from certnav.filters.earth import ecef_to_lla
 from certnav.nav.commands.cli import main as certnav
+from certnav.nav.commands.flow.dataset import holdings
 from certnav.nav.config import Config
 from certnav.nav.tune.candidates import candidates
 
@@ -125,6 +126,7 @@ def test_a_day_s_file_is_cut_to_each_sequence(rehearsal, tmp_path):
         near = np.degrees(ecef_to_lla(drive.reference.pos_e[0]))[:2]
         np.testing.assert_allclose(near, (30.53, 114.36), atol=0.02)
     assert any("before or after the IMU left out" in note for note in first.notes)
+    assert holdings(third)["below_four"] > 0.06  # where there is no epoch there is no satellite
 
 
 def test_one_recording_that_fails_costs_the_others_nothing(rehearsal, tmp_path, capsys):
@@ -147,4 +149,5 @@ def test_one_recording_that_fails_costs_the_others_nothing(rehearsal, tmp_path, 
     assert "suburb-01-simulated left out" in said
     content = json.loads((site / "great.json").read_text())
     assert [run["recording"] for run in content["runs"]] == ["Dataset_campus-01-simulated"]
-    assert "suburb-01" in (site / "index.html").read_text()
+    index = (site / "index.html").read_text()
+    assert "suburb-01" in index and index.count("left out, as asked") == 2

@@ -266,11 +266,14 @@ def holdings(sequence: Sequence) -> dict[str, Any]:
     seen = sequence.observations
     if seen is not None:
         usable = seen.usable & seen.has_range_rate
-        _, per_epoch = np.unique(seen.time, return_inverse=True)
+        time, per_epoch = np.unique(seen.time, return_inverse=True)
         count = np.bincount(per_epoch, weights=usable)
+        # Receivers leave out epochs without a satellite: these are below four, too.
+        whole = round(float(np.ptp(time) / np.median(np.diff(time)))) + 1 if time.size > 1 else 1
+        enough = float(np.sum(count >= 4))
         out |= {
             "epochs": int(count.size), "satellites": float(np.median(count)),
-            "below_four": float(np.mean(count < 4)),
+            "below_four": 1.0 - min(enough / whole, 1.0),
             "systems": "".join(np.unique(seen.sat.astype("U1"))),
         }  # fmt: skip
     if sequence.reference is not None:

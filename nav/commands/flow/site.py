@@ -35,7 +35,6 @@ _PAGES = (
     ("compare", COMPARISON, COMPARISON_PAGE, "loose coupling, alignment alone and GNSS alone in "
      "the same spells of weak GNSS"),
 )  # fmt: skip
-_NO_PAGES = "no page: see below what went wrong"
 #: Where the errors of runs are in a summary, and how a table has them.
 _ERRORS = (
     ("horizontal_rms_m", Column("horizontal RMS", "m", ".2f")),
@@ -66,7 +65,7 @@ def write_site(work: Work, found: Outcome, out: Path) -> Path:
     with written_whole(out / TABLES) as draft:
         for table in own:
             table.write(draft)
-        for name in (STUDY, TUNING, COMPARISON):
+        for _, name, _, _ in _made(found):
             for file in sorted((out / name).glob("*")):
                 if file.suffix == ".tex":
                     shutil.copyfile(file, draft / file.name)
@@ -105,7 +104,7 @@ def recordings_table(found: Outcome) -> Table:
         ("imu_hz", Column("IMU", "Hz", ".0f"), 0),
         ("epochs", Column("GNSS epochs", "", ",d"), 0),
         ("satellites", Column("satellites, median", "", ".0f"), 0),
-        ("below_four", Column("epochs below four", "", ".0%"), 0),
+        ("below_four", Column("time below four", "", ".0%"), 0),
         ("systems", Column("systems"), ""),
     )
     rows = [(o.name, *(o.figures.get(key) for key, *_ in keys)) for o in found.looked]
@@ -152,7 +151,7 @@ def build_index(work: Work, found: Outcome, out: Path) -> str:
         + "".join(f"<div><b>{escape(str(n))}</b><span>{what}</span></div>" for n, what in cards)
         + "</div>",
         "<h2>Pages</h2>",
-        document.table(["step", "what is there"], _pages(out), 9),
+        document.table(["step", "what is there"], _pages(found), 9),
         "<h2>Recordings</h2>",
         _linked(recordings_table(found), "checks", "{}.html", out),
         "<h2>Runs</h2>",
@@ -166,7 +165,7 @@ def build_index(work: Work, found: Outcome, out: Path) -> str:
             "what choosing is worth where the choice had not been made is on the page of tuning."
             "</p>"
         )
-    parts += [_left_out(found), "<h2>For a paper</h2>", _files(out)]
+    parts += [_left_out(found), "<h2>For a paper</h2>", _files(found, out)]
     parts += ["<h2>Time</h2>", steps_table(found).html()]
     parts += ["<h2>What was in force</h2>", _in_force(work)]
     return document.document("GREAT · certnav", "\n".join(part for part in parts if part))
@@ -188,12 +187,22 @@ def _verdict(found: Outcome) -> str:
     return "<br>".join(lines)
 
 
-def _pages(out: Path) -> list[tuple[object, ...]]:
-    return [
-        (Link(name, f"{folder}/{page}") if (out / folder / page).exists() else name,
-         what if (out / folder / page).exists() else _NO_PAGES)
-        for name, folder, page, what in _PAGES
-    ]  # fmt: skip
+def _made(found: Outcome) -> list[tuple[str, str, str, str]]:
+    """Return those of the pages that this call has made: not what an earlier one has left."""
+    done = {name for name, _, why in found.steps if not why}
+    return [page for page in _PAGES if page[0] in done]
+
+
+def _pages(found: Outcome) -> list[tuple[object, ...]]:
+    made = {name for name, *_ in _made(found)}
+    failed = {name for name, _, why in found.steps if why}
+    rows: list[tuple[object, ...]] = []
+    for name, folder, page, what in _PAGES:
+        if name in made:
+            rows.append((Link(name, f"{folder}/{page}"), what))
+        else:
+            rows.append((name, "failed, see below" if name in failed else "left out, as asked"))
+    return rows
 
 
 def _linked(table: Table, folder: str, name: str, out: Path) -> str:
@@ -221,14 +230,14 @@ def _left_out(found: Outcome) -> str:
     return f"<h2>What went wrong</h2>\n<ul>{items}</ul>"
 
 
-def _files(out: Path) -> str:
+def _files(found: Outcome, out: Path) -> str:
     folder = out / TABLES
     rows = []
     for file in sorted(folder.glob("*.tex")):
         listed = file.with_suffix(".csv").name
         beside: object = Link(listed, f"{TABLES}/{listed}") if (folder / listed).exists() else "–"
         rows.append((Link(file.name, f"{TABLES}/{file.name}"), beside))
-    figures = sorted(p for n in (STUDY, TUNING) for p in (out / n).glob("*.pdf"))
+    figures = sorted(p for _, n, _, _ in _made(found) for p in (out / n).glob("*.pdf"))
     links = ", ".join(Link(p.name, p.relative_to(out).as_posix()).html for p in figures)
     return (
         "<p>Every table of these pages; <code>tables.tex</code> is a document of all of them.</p>"
