@@ -22,16 +22,24 @@ _UNITS = (
     r"(_|\b)(degps|dps|deg_s|radps|rad_s|rad|deg|mps2|mpss|m_s2|ms2|mps|m_s|kmh|kph|km_h"
     r"|ms|ns|us|s|g|m)$"
 )
+#: How arrays of loggers number their elements: `gyro_rad[0]`.
+_ELEMENT = re.compile(r"\[([0-3])\]$")
 _TRIADS = {
     # role: patterns of its three columns, in order
     "gyro": [
         (r"(gyro|angular|ang_?rate|ang_?vel).*{}$", "xyz"),
         (r"^(g|gyro?|gyr|w|omega|angular_?(velocity|rate)|rate|dtheta|ang_?vel)_?{}$", "xyz"),
         (r"^{}_?(rate|speed|vel(ocity)?)$", "pqr"),
+        (r"^-?{}_?gyro?$", "xyz"),
+        (r"gyro.*_{}$", "012"),
+        (r"(gyro|ang_?(rate|vel)).*_?{}$", "123"),
     ],
     "accel": [
         (r"acc(?!ur).*{}$", "xyz"),
         (r"^(a|acc|accel|acceleration|f|force|linear_acceleration|dv|dvel)_?{}$", "xyz"),
+        (r"^-?{}_?acc(el(eration)?)?$", "xyz"),
+        (r"acc(?!ur).*_{}$", "012"),
+        (r"acc(?!ur).*_?{}$", "123"),
     ],
     "velocity": [
         (r"^(v(el(ocity)?)?|speed)_?{}$", "ned"),
@@ -46,18 +54,38 @@ _SPELT_OUT = {
     "p": "(p|roll)", "q": "(q|pitch)", "r": "(r|yaw)",
 }  # fmt: skip
 _TIME_UNIT = r"(?:^|[\W_])(ms|us|ns)\W*$"
+#: What columns of known receivers and IMUs count in, by their whole name: u-blox' iTOW, SBF's TOW
+#: as its converters print it, Xsens' SampleTimeFine.
+_TICKS = {"itow": "ms", "tow [0.001 s]": "ms", "sampletimefine": "100us"}
 _PLACES = {
     "lat": r"(^|[^a-z])lat(itude)?$",
     "lon": r"(^|[^a-z])(lon|lng|long)(gitude|itude)?$",
     "height": r"(^|[^a-z])(h|height|alt|altitude|hgt|elevation|h_?ell|ellipsoidal_?height)$",
 }
+#: Heights by a name that says what they count from, the better one first.
+_DATUMS = {
+    "ellipsoid": r"ellips|(^|_)hae$|h_?ell$",
+    "geoid": r"msl|(^|_)ortho|(height|alt).*geoid|sea_?level",
+}
+_UNDULATION = r"undul|geoid_?sep"
+#: What a maker's heights count from where their name is bare and an undulation stands beside them:
+#: columns that only this maker has, the datum, and whose they are.
+_MAKERS = (
+    (r"^wnc$|^v[neu]$|^cog$", "ellipsoid", "Septentrio's PVTGeodetic"),
+    (r"^hgt$|^(north|east|up)_vel|^azimuth$", "geoid", "NovAtel's BESTPOS and INSPVAX"),
+    (r"^velocity_?north$|^(latitude|altitude)_?(accuracy|std)$", "geoid", "SBG's"),
+)
 _SPELT = {
+    "mm/s": ("mm/s", "mm_s", "mmps"),
     "rad/s": ("rad/s", "radps", "rad_s", "rad s"),
     "deg/s": ("deg/s", "degps", "deg_s", "dps", "°/s"),
     "m/s": ("m/s", "mps", "m_s"),
     "km/h": ("km/h", "kmh", "kph"),
 }
-_DEVIATION = r"(std|sd|sigma|stddev|acc|accuracy|rms|unc)"
+_DEVIATION = r"(std|sd|sigma|σ|stddev|acc|accuracy|rms|unc)"
+#: Deviations that hold for more than one axis: of u-blox and PX4.
+_SHARED = {"pos": (("h_?acc", "h_?acc", "v_?acc"), ("eph", "eph", "epv")),
+           "vel": (("s_?acc",) * 3, ("s_?variance",) * 3)}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,10 +129,11 @@ def sample(source: TextFile) -> Sampled:
 
 def _plain(name: str) -> str:
     """Return a header's name in lower case without brackets and unit endings."""
+    element = _ELEMENT.search(name)
     bare = re.sub(r"[\[(].*?[\])]", "", name).strip().lower().replace(" ", "_").replace("-", "_")
     bare = bare.replace(".", "_").strip("_")
-    shorter = re.sub(_UNITS, "", bare)
-    return shorter or bare
+    shorter = re.sub(_UNITS, "", bare) or bare
+    return f"{shorter}_{element[1]}" if element else shorter
 
 
 def time_index(table: Sampled) -> int | None:
@@ -123,7 +152,7 @@ def _increases(column: FloatArray) -> bool:
 
 def week_index(table: Sampled) -> int | None:
     """Return the column of GPS weeks."""
-    for k in table.find(r"week"):
+    for k in table.find(r"week|^wnc?$"):
         value = table.value[:, k]
         if (value == np.round(value)).all() and 500 < value[0] < 5000:
             return k
@@ -176,10 +205,43 @@ def unit_said(table: Sampled, columns: list[int], known: tuple[str, ...]) -> str
     return said.pop() if len(said) == 1 else ""
 
 
-def time_unit_said(table: Sampled, k: int) -> str:
-    """Return the unit below the second that the header of a column of time names, or ''."""
-    found = re.search(_TIME_UNIT, table.source.names[k].lower()) if table.source.names else None
-    return found[1] if found else ""
+def time_columns(table: Sampled) -> set[int]:
+    """Return the columns that hold time."""
+    return {k for k in (time_index(table), week_index(table)) if k is not None}
+
+
+def time_unit_said(table: Sampled, k: int) -> tuple[str, str]:
+    """Return the unit below the second that the header of a column of time names, and how; ''."""
+    name = table.source.names[k].lower().strip() if table.source.names else ""
+    if name in _TICKS:
+        return _TICKS[name], f"of {table.source.names[k]}"
+    found = re.search(_TIME_UNIT, name)
+    return (found[1], "says the header") if found else ("", "")
+
+
+def zone_said(table: Sampled, k: int) -> str:
+    """Return 'utc' where dates of a column end in a zone, '' where they do not."""
+    rows = [line.split(table.source.separator) for line in table.source.lines if line.strip()][:20]
+    cells = [row[k].strip().strip('"') for row in rows if len(row) > k]
+    zone = all(re.search(r"\d(Z|[+-]\d\d:?\d\d)$", cell) for cell in cells)
+    return "utc" if cells and zone else ""
+
+
+def datum_said(table: Sampled, k: int) -> tuple[str, str] | None:
+    """Return what heights count from where a name or a known maker says so, and the evidence."""
+    for datum, pattern in _DATUMS.items():
+        if re.search(pattern, table.plain[k]):
+            return datum, "says the header"
+    if undulation(table) is not None:
+        for pattern, datum, whose in _MAKERS:
+            if table.find(pattern):
+                return datum, f"beside an undulation: as {whose}"
+    return None
+
+
+def undulation(table: Sampled) -> int | None:
+    """Return the column of the geoid's height above the ellipsoid."""
+    return next(iter(table.find(_UNDULATION)), None)
 
 
 def is_other_sensor(table: Sampled, columns: list[int]) -> bool:
@@ -199,6 +261,9 @@ def up_axis(table: Sampled, columns: list[int]) -> str:
 def place(table: Sampled) -> list[int] | None:
     """Return the columns of latitude, longitude and height: by name."""
     hits = [table.find(pattern) for pattern in _PLACES.values()]
+    heights = [k for p in _DATUMS.values() for k in table.find(p) if not table.find(_UNDULATION) or
+               k not in table.find(_UNDULATION)]  # fmt: skip
+    hits[2] = [k for k in (*heights[:1], *hits[2]) if re.search("h|alt", table.plain[k])]
     return [h[0] for h in hits] if all(hits) else None
 
 
@@ -212,7 +277,18 @@ def ecef(table: Sampled) -> list[int] | None:
 
 
 def deviations(table: Sampled, letters: str, of: str) -> list[int] | None:
-    """Return three columns of standard deviations of position ('pos') or velocity ('vel')."""
+    """Return three columns of standard deviations of position ('pos') or velocity ('vel').
+
+    `letters` 'lla': those of latitude, longitude and height.
+    """
+    for shared in _SHARED[of]:
+        hits = [table.find(rf"^{name}$") for name in shared]
+        if all(hits):
+            return [h[0] for h in hits]
+    if letters == "lla":
+        places = ("lat(itude)?", "(lon|lng)(gitude)?", "(h|hgt|height|alt(itude)?)")
+        hits = [table.find(rf"^{p}_?{_DEVIATION}$|^{_DEVIATION}_?{p}$") for p in places]
+        return [h[0] for h in hits] if all(hits) else None
     for form in (
         rf"^{of}\w*_{_DEVIATION}_?{{}}$",
         rf"^{_DEVIATION}_?{of}\w*_?{{}}$",
