@@ -22,6 +22,8 @@ _UNITS = (
     r"(_|\b)(degps|dps|deg_s|radps|rad_s|rad|deg|mps2|mpss|m_s2|ms2|mps|m_s|kmh|kph|km_h"
     r"|ms|ns|us|s|g|m)$"
 )
+_DAY = r"^\d{4}[-/]\d\d?[-/]\d\d?$"
+_DATE = r"^\d{4}[-/]\d\d?[-/]\d\d?([T ]\d\d?:\d\d|$)"
 #: How arrays of loggers number their elements: `gyro_rad[0]`.
 _ELEMENT = re.compile(r"\[([0-3])\]$")
 _TRIADS = {
@@ -137,13 +139,30 @@ def _plain(name: str) -> str:
 
 
 def time_index(table: Sampled) -> int | None:
-    """Return the column of time: by name, else the first that increases throughout."""
+    """Return the column of time: by name, else the first that increases throughout, else dates."""
     named = table.find(_TIME) or table.find(r"time|stamp|sow|tow")
     if week_index(table) is not None:  # beside a week, seconds of week
-        named = table.find(r"(^|[^a-z]|gps)(tow|sow)$|seconds_?of_?week") or named
+        named = table.find(r"(^|[^a-z]|gps)(tow|sow)$|seconds_?of_?week|^gps_?seconds$") or named
     increasing = [k for k in range(table.value.shape[1]) if _increases(table.value[:, k])]
-    both = [k for k in named if k in increasing or np.isnan(table.value[:, k]).all()]
-    return next(iter(both or increasing), None)
+    texts = [k for k in range(table.value.shape[1]) if np.isnan(table.value[:, k]).all()]
+    dates = [k for k in texts if _all(table, k, _DATE)]
+    both = [k for k in named if k in increasing or k in texts]
+    return next(iter(both or increasing or dates), None)
+
+
+def time_of_day(table: Sampled, k: int) -> int | None:
+    """Return the column of the time of day beside one of dates without it."""
+    if not _all(table, k, _DAY):
+        return None
+    beside = (j for j in (k + 1, k - 1) if 0 <= j < table.value.shape[1])
+    return next((j for j in beside if _all(table, j, r"^\d\d?:\d\d:\d\d")), None)
+
+
+def _all(table: Sampled, k: int, pattern: str) -> bool:
+    """Return whether the first cells of a column match a pattern."""
+    rows = [line.split(table.source.separator) for line in table.source.lines if line.strip()][:20]
+    cells = [row[k].strip().strip('"') for row in rows if len(row) > k]
+    return bool(cells) and all(re.search(pattern, cell) for cell in cells)
 
 
 def _increases(column: FloatArray) -> bool:
@@ -169,12 +188,29 @@ def triad(table: Sampled, role: str) -> tuple[list[int], str] | None:
 
 
 def gravity_triad(table: Sampled, taken: set[int]) -> list[int] | None:
-    """Return three neighbouring columns whose mean has the size of gravity in a known unit."""
+    """Return three neighbouring columns whose mean has the size of gravity in a known unit.
+
+    One column holds most of gravity, and with any two neighbours it has its size: of several
+    threes those count whose names differ in their last sign alone, then those that begin where
+    threes do, counted from the first column that is no time.
+    """
+    found = []
     for k in range(table.value.shape[1] - 2):
         columns = [k, k + 1, k + 2]
         if not taken & set(columns) and accel_unit(table, columns)[0]:
-            return columns
+            found.append(columns)
+    first = next((k for k in range(table.value.shape[1]) if k not in taken), 0)
+    alike = [c for c in found if len({_stem(table.plain[k]) for k in c}) == 1 and table.plain[c[0]]]
+    in_threes = [c for c in found if (c[0] - first) % 3 == 0]
+    for choice in (alike, found if len(found) == 1 else [], in_threes, found):
+        if choice:
+            return choice[0]
     return None
+
+
+def _stem(name: str) -> str:
+    """Return a name without the sign that tells axes apart, at its end or its beginning."""
+    return re.sub(r"_?([xyz]|[0-9]|[abc])$", "", name)
 
 
 def accel_unit(table: Sampled, columns: list[int]) -> tuple[str, str]:
@@ -221,10 +257,7 @@ def time_unit_said(table: Sampled, k: int) -> tuple[str, str]:
 
 def zone_said(table: Sampled, k: int) -> str:
     """Return 'utc' where dates of a column end in a zone, '' where they do not."""
-    rows = [line.split(table.source.separator) for line in table.source.lines if line.strip()][:20]
-    cells = [row[k].strip().strip('"') for row in rows if len(row) > k]
-    zone = all(re.search(r"\d(Z|[+-]\d\d:?\d\d)$", cell) for cell in cells)
-    return "utc" if cells and zone else ""
+    return "utc" if _all(table, k, r"\d(Z|[+-]\d\d:?\d\d)$") else ""
 
 
 def datum_said(table: Sampled, k: int) -> tuple[str, str] | None:

@@ -119,9 +119,11 @@ def _time_lines(table: Sampled, kind: str) -> tuple[list[Line], set[int]]:
     value = table.value[:, k]
     column = table.column(k)
     if np.isnan(value).all():
-        said = roles.zone_said(table, k)
+        said, day = roles.zone_said(table, k), roles.time_of_day(table, k)
         hint = "says the zone in it" if said else "dates: utc or gps-calendar (18 s apart)"
-        return [Line("time", column), Line("time_scale", said or BLANK, hint)], {k}
+        columns = column if day is None else [column, table.column(day)]
+        taken = {k} if day is None else {k, day}
+        return [Line("time", columns), Line("time_scale", said or BLANK, hint)], taken
     unit = _time_unit(table, k, kind)
     seconds = value[0] * _TICKS.get(unit.value if unit else "s", 1.0)
     if week is not None and 0.0 <= seconds <= 7 * 86400.0:
@@ -135,10 +137,10 @@ def _time_lines(table: Sampled, kind: str) -> tuple[list[Line], set[int]]:
 def _time_unit(table: Sampled, k: int, kind: str) -> Line | None:
     """Return the line of the unit of stamps, where it is not the second."""
     said, known = roles.time_unit_said(table, k)
-    if said:
-        return Line("time_unit", said, known) if said != "s" else None
     step = float(np.median(np.diff(table.value[:, k])))
     low, high = _INTERVALS[kind]
+    if said and low <= step * _TICKS[said] <= high:
+        return Line("time_unit", said, known)
     fits = [unit for unit, tick in _TICKS.items() if low <= step * tick <= high and unit != "100us"]
     if len(fits) != 1:
         return Line("time_unit", BLANK, f"s, ms, us or ns: stamps step by {step:.6g}")

@@ -30,6 +30,8 @@ from .motion import COURSE_SPEED
 
 #: A check must take well below a second: so much of a drive is looked at [s].
 _LONGEST = 300.0
+#: And velocities so far apart [s]: a receiver's ten a second tell little more.
+_EVERY = 0.5
 #: Less turning than this shows no heading [rad].
 _TURNING = np.pi / 2
 #: Straight driving that a mounting takes: speed [m/s], time [s], and what a course may turn in it,
@@ -150,6 +152,7 @@ def _most_turning(track: Track) -> Track | None:
     if step[straight].sum() < _DRIVEN:
         return None
     rows = np.flatnonzero(known)[best]
+    rows = rows[:: max(1, round(_EVERY / float(np.median(np.diff(track.time[rows])))))]
     return Track(track.name, track.time[rows], track.pos_e[rows], track.vel_n[rows], track.precise)
 
 

@@ -173,12 +173,35 @@ def orientation(imu: Inertial, track: Track) -> Orientation:
         Velocities to decimetres per second.
     """
     mean = (imu.velocity[-1] - imu.velocity[0]) / (imu.time[-1] - imu.time[0])
-    down = -mean / np.linalg.norm(mean)
+    found, down = None, mean
+    for _ in range(2):
+        driven = np.zeros(3) if found is None else _driven(imu, track, C_sl, found)
+        down = driven - mean
+        down /= np.linalg.norm(down)
+        C_sl = _level(down)
+        found = facing(imu.turned(C_sl.T), track)
+        if found is None or found.mirrored:
+            break
     course = track.course(COURSE_SPEED)
     rate = gyro_unit_ratio(imu.time, imu.gyro @ down, track.time, course)
-    C_sl = _level(down)
-    found = facing(imu.turned(C_sl.T), track)
     return Orientation(down, rate, found, C_sl, _problem(rate, found))
+
+
+def _driven(imu: Inertial, track: Track, C_sl: FloatArray, found: Facing) -> FloatArray:
+    """Return the mean of what speed and cornering add to gravity, in axes s [m/s²].
+
+    A drive that turns more to one side leans on it: by degrees, if it is short.
+    """
+    moves = increments(track)
+    assert moves is not None
+    inside = (moves.start >= imu.time[0]) & (moves.end <= imu.time[-1])
+    if not inside.any():
+        return np.zeros(3)
+    seconds = float((moves.end - moves.start)[inside].sum())
+    # Where cornering is not known the vehicle is slow.
+    sums = [float(np.nansum(part[inside])) for part in (moves.along, moves.across)]
+    mean_v = np.array([*sums, 0.0]) / seconds
+    return np.asarray(C_sl @ matrix_from_rpy([0.0, 0.0, found.turn]) @ mean_v)
 
 
 def _problem(rate: TurnRatio, found: Facing | None) -> str:
@@ -192,7 +215,7 @@ def _problem(rate: TurnRatio, found: Facing | None) -> str:
         share = 100.0 * max(found.explained)
         return f"too little motion to tell forward: {found.how}, {share:.0f} % explained"
     if found.sigma > _SURE:
-        return f"too little motion to tell forward: ± {np.degrees(found.sigma):.0f}°"
+        return f"too little motion to tell forward: ± {min(np.degrees(found.sigma), 180.0):.0f}°"
     if not _GAIN[0] < found.gain < _GAIN[1]:
         return f"the accelerometer's gain against GNSS is {found.gain:.2g}: its unit, or its clock"
     return ""

@@ -55,6 +55,8 @@ def find_positions(draft: Draft, section: str) -> None:
         draft.put(section, "position_frame", "lla" if match.angle_unit else "ecef", evidence)
         if match.angle_unit:
             draft.put(section, "angle_unit", match.angle_unit, evidence)
+            if match.angle_unit == "1e-7deg":
+                draft.put(section, "height_unit", BLANK, "m or mm", after="height")
         else:
             for key in ("angle_unit", "height"):
                 draft.drop(section, key)
@@ -101,13 +103,16 @@ def _pairs(
         frames = ("ecef",) if frame == "ecef" else _FRAMES
         for match in matches(time[rows], p, v, frame, tuple(ANGLE_UNITS), frames):
             # Three columns that begin one later match as well, if only by their first two.
-            if frame == "lla" and not _is_height(p[:, 2]):
+            if frame == "lla" and not _is_height(p[:, 2], match.angle_unit):
                 continue
             yield (place, velocity), match
 
 
-def _is_height(value: FloatArray) -> bool:
-    return bool(np.nanmin(value) > -500.0 and np.nanmax(value) < 9000.0 and np.nanstd(value) > 0.0)
+def _is_height(value: FloatArray, angle_unit: str) -> bool:
+    """Return whether numbers can be heights in m, or beside 1e-7 degrees in mm."""
+    unit = 1e3 if angle_unit == "1e-7deg" else 1.0
+    inside = np.nanmin(value) > -500.0 * unit and np.nanmax(value) < 9000.0 * unit
+    return bool(inside and np.nanstd(value) > 0.0)
 
 
 def find_gyro(draft: Draft, track: Track, theirs: clocks.Clock) -> None:

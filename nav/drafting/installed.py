@@ -9,13 +9,14 @@ import numpy as np
 from ...datasets.own.draft import Draft
 from ...datasets.sequence import Sequence
 from ...filters.errors import NavError
-from ...filters.rotation import rpy_from_matrix
 from ..check.mounting import mounting_findings
 from ..config import Config
 from ..pipeline import navigate
 
 #: So much of a drive is navigated for it [s].
-_LONGEST = 600.0
+_LONGEST = 400.0
+#: And of positions one in so much [s]: more of them tell little more of an arm.
+_EVERY = 1.0
 #: What is known of a lever arm beforehand: a car's size, 1σ [m].
 _CAR = 1.5
 #: It is proposed where every axis is known to this, 1σ [m]; each axis is said from here on.
@@ -24,13 +25,15 @@ _KNOWN, _SAID = 0.15, 0.3
 _FACTOR = 2.0
 
 
-def mounting(draft: Draft, sequence: Sequence) -> None:
-    """Write pitch and yaw of the IMU over their coarse values, where straights show them."""
+def mounting(draft: Draft, sequence: Sequence, roll: float) -> None:
+    """Write pitch and yaw of the IMU over their coarse values, where straights show them.
+
+    Roll [deg] is gravity's: no motion straight ahead shows it.
+    """
     found = [f for f in mounting_findings(sequence) if f.subject == "mounting"]
     if not found:
         return
     n = found[0].numbers
-    roll = float(np.degrees(rpy_from_matrix(sequence.calibration.C_bv.T)[0]))
     rpy = [round(v, 1) + 0.0 for v in (roll, n["pitch_deg"], n["yaw_deg"])]
     sigma = float(np.hypot(n["pitch_sigma_deg"], n["yaw_sigma_deg"]))
     evidence = (
@@ -49,9 +52,13 @@ def lever(draft: Draft, sequence: Sequence) -> None:
         sequence.calibration, lever_antenna_b=np.zeros(3), lever_antenna_sigma=_CAR,
         lever_antenna_source="not declared",
     )  # fmt: skip
-    part = sequence.inertial
+    part, fixes = sequence.inertial, sequence.fixes
     part = part.between(part.time[0], min(part.time[-1], part.time[0] + _LONGEST))
-    alone = dataclasses.replace(sequence, imu=part, calibration=calibration, reference=None)
+    if fixes is not None and len(fixes) > 1:
+        fixes = fixes.take(slice(None, None, max(1, round(_EVERY / float(np.median(np.diff(fixes.time)))))))
+    alone = dataclasses.replace(
+        sequence, imu=part, fixes=fixes, calibration=calibration, reference=None
+    )
     try:
         solution = navigate(alone, Config())
     except NavError as error:

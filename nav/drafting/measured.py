@@ -15,6 +15,7 @@ from ...datasets.own.declare import draft_of
 from ...datasets.own.draft import Draft
 from ...velocity.tracks import Track, gnss_tracks
 from ..check.motion import integrals
+from ..check.orientation import mounting_rpy_deg
 from . import clocks, columns, installed, trial, truth, turned, velocities
 
 #: What stands beside a key says what follows from it.
@@ -85,10 +86,11 @@ def _motion(draft: Draft) -> None:
         return
     ours = clocks.clock_of(draft, "imu", imu.time)
     together = clocks.measure(draft, integrals(imu), track, ours, theirs)
-    turned.measure(draft, imu, together)
+    found = turned.measure(draft, imu, together)
     with trial.unmeasured(draft, "the reference"):
         truth.measure(draft, track, theirs)
-    _installation(draft)
+    if found is not None:
+        _installation(draft, float(mounting_rpy_deg(found.named()[1])[0]))
 
 
 def _track(draft: Draft) -> tuple[Track | None, clocks.Clock | None]:
@@ -101,7 +103,7 @@ def _track(draft: Draft) -> tuple[Track | None, clocks.Clock | None]:
     return track, clocks.clock_of(draft, section, track.time)
 
 
-def _installation(draft: Draft) -> None:
+def _installation(draft: Draft, roll: float) -> None:
     """Measure mounting and lever arm, if the recording can be read with what is there."""
     answers: dict[tuple[str, str], Any] = {}
     if draft.asks("imu", "axes") or draft.asks("imu", "gyro_unit"):
@@ -109,7 +111,7 @@ def _installation(draft: Draft) -> None:
     sequence = trial.sequence_if_read(draft, answers)
     if sequence is None:
         return
-    installed.mounting(draft, sequence)
+    installed.mounting(draft, sequence, roll)
     sequence = trial.sequence_if_read(draft, answers)
     if sequence is None:
         return
