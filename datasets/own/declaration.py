@@ -320,7 +320,8 @@ def _refuse_blanks(file: Path, text: str, content: Mapping[str, Any]) -> None:
         section, key = left[0]
         line = _line_of(text, section, key)
         hint = text.splitlines()[line - 1].partition("#")[2].strip() if line else ""
-        more = f" (and {len(left) - 1} more)" if len(left) > 1 else ""
+        others = [f"{key} in line {_line_of(text, section, key)}" for section, key in left[1:]]
+        more = f" (and {len(others)} more: {', '.join(others)})" if others else ""
         raise ConfigError(
             f"{file}:{line}: [{section}] {key} is still '{BLANK}'{more} — fill it in"
             + (f": {hint}" if hint else "")

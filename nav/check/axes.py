@@ -8,11 +8,11 @@ import numpy as np
 
 from ...datasets.physics import gyro_unit_ratio
 from ...datasets.sequence import Sequence
-from ...filters.rotation import FloatArray
+from ...filters.rotation import FloatArray, rpy_from_matrix
 from ...velocity.tracks import Track
 from .findings import Finding
 from .motion import COURSE_SPEED, Inertial, increments
-from .orientation import CERTAIN, Facing, facing
+from .orientation import CERTAIN, Facing, facing, orientation
 
 _DEGREES = 180.0 / np.pi
 _AXES = "xyz"
@@ -147,6 +147,24 @@ def _turned(found: Facing) -> Finding:
     angle = f"{turn_deg:+.0f} ± {sigma_deg:.0f}°"
     text = f"x forward, y right, turned by {angle}, gain {gain:.2f} ({how})"
     return Finding("note", AXES, text, numbers=numbers)
+
+
+def as_it_is(imu: Inertial, track: Track) -> list[Finding]:
+    """Return how the body axes are really turned, where gravity and motion tell all of it.
+
+    For what was declared otherwise; `nav.check.declarations` makes lines of it.
+    """
+    found = orientation(imu, track)
+    if found.problem:
+        return []
+    roll, pitch, yaw = np.degrees(rpy_from_matrix(found.C_sv.T))
+    numbers = {
+        "roll_deg": float(roll), "pitch_deg": float(pitch), "yaw_deg": float(yaw),
+        "sigma_deg": float(np.degrees(found.sigma)),
+    }  # fmt: skip
+    if found.rate.conclusive:
+        numbers["yaw_over_course"] = found.rate.ratio
+    return [Finding("note", "orientation", f"measured: {found.share}", numbers=numbers)]
 
 
 def odometer(sequence: Sequence, track: Track) -> list[Finding]:

@@ -28,6 +28,8 @@ CERTAIN = 0.7
 _SURE = np.radians(10.0)
 #: Gain of the accelerometer against GNSS that a right unit and a right clock have.
 _GAIN = (0.6, 1.6)
+#: An IMU so nearly square in its vehicle is called so: with what a run begins, 1σ [deg].
+SQUARE_DEG = 5.0
 #: What cars leave open of level and forward: roads that slope, and side slip [rad].
 _LEVEL, _SLIP = np.radians(1.5), np.radians(1.5)
 
@@ -154,12 +156,13 @@ class Orientation:
         said = [f"{100.0 * e:.0f} % of {name}" for name, e in pairs if e > EXPLAINED]
         return " and ".join(said) + " explained"
 
-    def named(self) -> tuple[str, FloatArray]:
-        """Return the nearest named axes ('RFU') and C_bv, the mounting that is left with them."""
-        C_bs = all_axes()
-        C_bv = C_bs @ self.C_sv
-        best = int(np.argmax(np.trace(C_bv, axis1=1, axis2=2)))
-        return axes_name(C_bs[best]), C_bv[best]
+
+def named(C_sv: FloatArray) -> tuple[str, FloatArray]:
+    """Return the nearest named axes ('RFU') of s, and C_bv, the mounting left with them."""
+    C_bs = all_axes()
+    C_bv = C_bs @ C_sv
+    best = int(np.argmax(np.trace(C_bv, axis1=1, axis2=2)))
+    return axes_name(C_bs[best]), C_bv[best]
 
 
 def orientation(imu: Inertial, track: Track) -> Orientation:

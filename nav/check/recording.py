@@ -54,6 +54,8 @@ _CONSEQUENCES = (
         )
     ),
 )
+#: What wrong axes and units of a gyro show in.
+_OF_AXES = ("gravity", "gyro", axes.AXES)
 #: What has to be in order before the mounting can be measured.
 _NEEDED_BY_MOUNTING = (
     *("reading", "IMU", "IMU sampling", "gyro", "gravity", "accelerometer axes"),
@@ -159,7 +161,8 @@ def _imu(sequence: Sequence, found: Tracks, kind: str) -> Iterator[Finding]:
         remedy = "a run needs accelerometers and gyros; speed and yaw rate only serve alignment"
         yield Finding("fatal", "IMU", "none in this recording", remedy)
         return
-    yield from inertial_findings(sequence, found.gnss)
+    by_itself = inertial_findings(sequence, found.gnss)
+    yield from by_itself
     imu = motion.inertial(sequence)
     if found.gnss is None:
         return
@@ -178,8 +181,11 @@ def _imu(sequence: Sequence, found: Tracks, kind: str) -> Iterator[Finding]:
         yield Finding("note", "IMU axes", cannot)
         return
     if VEHICLES[kind].holds_course:
-        for finding in (*axes.gyro(turning, track), *axes.accelerometer(imu, track)):
+        judged = [*axes.gyro(turning, track), *axes.accelerometer(imu, track)]
+        for finding in judged:
             yield _with_kinds(finding, kind)
+        if any(f.severity != "note" and f.subject in _OF_AXES for f in (*by_itself, *judged)):
+            yield from axes.as_it_is(imu.turned(sequence.calibration.C_bv), track)
     else:
         words = f"not tested against the course, which is not the heading of {VEHICLES[kind].words}"
         yield Finding("note", "IMU axes", words)

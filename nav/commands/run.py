@@ -88,7 +88,9 @@ def run(arguments: argparse.Namespace) -> int:
         config = dataclasses.replace(config, gnss=gnss)
     path = arguments.path
     if arguments.imu is not None:
-        path = declaration_of(path, arguments.imu)
+        from ..drafting import measured_draft
+
+        path = declaration_of(path, arguments.imu, measured_draft)
     if arguments.great is not None:
         path, data = great_sequence(path, arguments.great, config.data)
         config = dataclasses.replace(config, data=data)

@@ -15,7 +15,7 @@ from ...datasets.own.declare import draft_of
 from ...datasets.own.draft import Draft
 from ...velocity.tracks import Track, gnss_tracks
 from ..check.motion import integrals
-from ..check.orientation import mounting_rpy_deg
+from ..check.orientation import mounting_rpy_deg, named
 from . import clocks, columns, installed, trial, truth, turned, velocities
 
 #: What stands beside a key says what follows from it.
@@ -33,13 +33,16 @@ _FOLLOWS = {
 }
 
 
-def measured_draft(files: Items[str | Path]) -> Draft:
+def measured_draft(files: Items[str | Path], *, navigated: bool = True) -> Draft:
     """Return the draft of a declaration with everything that files show of each other.
 
     Parameters
     ----------
     files : sequence of path
         Inertial data, GNSS solution or RINEX, odometer, reference; gzipped or not.
+    navigated : bool
+        Whether mounting, lever arm and the reference's point are measured, too, which takes two
+        navigations of some minutes of the drive.
 
     Returns
     -------
@@ -61,7 +64,7 @@ def measured_draft(files: Items[str | Path]) -> Draft:
             _positions(draft)
             truth.better_of(draft)
     with trial.unmeasured(draft, "clocks and axes"):
-        _motion(draft)
+        _motion(draft, navigated)
     _say_what_follows(draft)
     return draft
 
@@ -73,7 +76,7 @@ def _positions(draft: Draft) -> None:
             velocities.measure(draft, section)
 
 
-def _motion(draft: Draft) -> None:
+def _motion(draft: Draft, navigated: bool) -> None:
     """Measure what takes IMU and GNSS together."""
     track, theirs = _track(draft)
     if track is None or theirs is None:
@@ -89,8 +92,8 @@ def _motion(draft: Draft) -> None:
     found = turned.measure(draft, imu, together)
     with trial.unmeasured(draft, "the reference"):
         truth.measure(draft, track, theirs)
-    if found is not None:
-        _installation(draft, float(mounting_rpy_deg(found.named()[1])[0]))
+    if found is not None and navigated:
+        _installation(draft, float(mounting_rpy_deg(named(found.C_sv)[1])[0]))
 
 
 def _track(draft: Draft) -> tuple[Track | None, clocks.Clock | None]:

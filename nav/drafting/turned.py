@@ -7,13 +7,17 @@ import numpy as np
 from ...datasets.own.declaration import BLANK, GYRO_UNITS
 from ...datasets.own.draft import Draft
 from ...datasets.series import ImuData
-from ..check.orientation import Orientation, mounting_rpy_deg, orientation
+from ..check.orientation import (
+    SQUARE_DEG,
+    Orientation,
+    mounting_rpy_deg,
+    named,
+    orientation,
+)
 from .clocks import Together
 
 #: A unit is named where the slope is so near to it.
 _NEAR = 0.10
-#: An IMU so nearly square in its vehicle is called so: what a run begins with, 1σ [deg].
-_SQUARE = 5.0
 
 
 def measure(draft: Draft, imu: ImuData, together: Together) -> Orientation | None:
@@ -64,19 +68,19 @@ def _unit(draft: Draft, imu: ImuData, found: Orientation) -> None:
 
 
 def _axes(draft: Draft, found: Orientation) -> None:
-    name, C_bv = found.named()
+    name, C_bv = named(found.C_sv)
     draft.put("imu", "axes", name, f"measured: {name}, {found.share}")
     rpy = mounting_rpy_deg(C_bv)
     sigma = float(np.degrees(found.sigma))
-    if max(map(abs, rpy)) < _SQUARE:
+    if max(map(abs, rpy)) < SQUARE_DEG:
         seen = ", ".join(f"{v:+.1f}" for v in rpy)
         evidence = f"measured: square to {seen}° ± {sigma:.1f}°"
         draft.put("vehicle", "mounting_rpy_deg", [0.0, 0.0, 0.0], evidence)
-        draft.put("vehicle", "mounting_sigma_deg", _SQUARE, "a run estimates pitch and yaw from there")
+        draft.put("vehicle", "mounting_sigma_deg", SQUARE_DEG, "a run estimates pitch and yaw from there")
         return
     evidence = f"measured: gravity, speed and cornering, ± {sigma:.1f}°"
     draft.put("vehicle", "mounting_rpy_deg", rpy, evidence)
     draft.put(
-        "vehicle", "mounting_sigma_deg", max(round(2.0 * sigma, 1), _SQUARE),
+        "vehicle", "mounting_sigma_deg", max(round(2.0 * sigma, 1), SQUARE_DEG),
         "a run estimates pitch and yaw from there",
     )  # fmt: skip
