@@ -49,6 +49,10 @@ GNSS_NAMES = {
                 "North Velocity,East Velocity,Up Velocity"),
     "sbg": ("timestamp", "latitude longitude altitude", "velocityNorth velocityEast velocityDown"),
 }  # fmt: skip
+SHOWN = (
+    *(("imu", key) for key in ("time_scale", "time_offset_s", "axes", "gyro_unit")),
+    ("gnss", "time_scale"),
+)
 CLOCKS = ("unix", "utc", "gps", "gps-sow", "gps-week-sow", "local", "unix-ms", "unix-us")
 MOUNTINGS = ((0.0, 0.0, 0.0), (2.0, -3.0, 4.0), (0.0, 0.0, 25.0), (8.0, -12.0, -40.0))
 
@@ -82,7 +86,8 @@ class Variant:
             f"{self.duration:.0f} s, {axes_name(self.C_bs)}, mounting {self.mounting}, "
             f"{self.gyro_unit}, {self.accel_unit}, IMU {self.imu_clock} ({self.imu_names}), GNSS "
             f"{self.gnss_clock} ({self.gnss_names}), lag {self.lag}, {self.angle_unit}, "
-            f"{self.frame}, {self.speed_unit}, {self.rate:.0f} Hz, {self.gnss_rate:.0f} Hz, σ {self.sigma} m"
+            f"{self.frame}, {self.speed_unit}, {self.rate:.0f} Hz, {self.gnss_rate:.0f} Hz, "
+            f"σ {self.sigma} m"
         )
 
 
@@ -158,7 +163,10 @@ def write(v: Variant, folder: Path) -> tuple[Simulation, list[Path]]:
         gyro, accel = (scaled, accel) if table is GYRO_UNITS else (gyro, scaled)
     files = []
     name, gyros, accels = IMU_NAMES[v.imu_names]
-    columns = {k or name or "t": s for k, s in stamps(v.imu_clock, imu.time + v.lag, imu.time[0] - 3.7).items()}
+    columns = {
+        k or name or "t": s
+        for k, s in stamps(v.imu_clock, imu.time + v.lag, imu.time[0] - 3.7).items()
+    }
     if v.imu_names == "xsens" and not {"utc", "gps-week-sow"} & {v.imu_clock}:
         columns = {name: np.round((imu.time - imu.time[0] + v.lag) * 1e4).astype(np.int64) + 123456}
     columns |= dict(zip(gyros.split() or ("a", "b", "c"), gyro.T, strict=True))
@@ -169,7 +177,12 @@ def write(v: Variant, folder: Path) -> tuple[Simulation, list[Path]]:
     pd.DataFrame(columns).to_csv(files[-1], index=False, header=v.imu_names != "none")
     times = config.start_time + np.arange(1.0, v.duration - 1.0, 1.0 / v.gnss_rate)
     fixes = fixes_from_truth(
-        drive.trajectory, times, config.lever_antenna_b, (v.sigma, v.sigma, 2.0 * v.sigma), 0.05, rng
+        drive.trajectory,
+        times,
+        config.lever_antenna_b,
+        (v.sigma, v.sigma, 2.0 * v.sigma),
+        0.05,
+        rng,
     )
     name, places, speeds = GNSS_NAMES[v.gnss_names]
     position, velocity = fixes.pos_e, fixes.vel_e
@@ -189,7 +202,9 @@ def write(v: Variant, folder: Path) -> tuple[Simulation, list[Path]]:
     elif v.frame == "enu":
         velocity = velocity[:, [1, 0, 2]] * [1.0, 1.0, -1.0]
         names = ["v_east", "v_north", "v_up"] if v.gnss_names != "made-up" else names
-    columns = {k or name: s for k, s in stamps(v.gnss_clock, fixes.time, fixes.time[0] - 1.3).items()}
+    columns = {
+        k or name: s for k, s in stamps(v.gnss_clock, fixes.time, fixes.time[0] - 1.3).items()
+    }
     columns |= dict(zip(place_names, position.T, strict=True))
     columns |= dict(zip(names, velocity.T, strict=True))
     files.append(folder / "gnss.csv")
@@ -234,9 +249,15 @@ def judged(v: Variant, drive: Simulation, draft: Draft) -> dict[str, str]:
         true = names.split() or [first[key] + k for k in range(3)]
         judge(f"{key} columns", get("imu", key) == BLANK, get("imu", key) == true)
     if v.angle_unit:
-        judge("angle_unit", get("gnss", "angle_unit") == BLANK, get("gnss", "angle_unit") == v.angle_unit)
+        judge(
+            "angle_unit",
+            get("gnss", "angle_unit") == BLANK,
+            get("gnss", "angle_unit") == v.angle_unit,
+        )
     if v.angle_unit == "1e-7deg":
-        judge("height_unit", get("gnss", "height_unit") == BLANK, get("gnss", "height_unit") == "mm")
+        judge(
+            "height_unit", get("gnss", "height_unit") == BLANK, get("gnss", "height_unit") == "mm"
+        )
     lever = get("antenna", "lever_frd_m")
     if lever == BLANK:
         out["lever"] = "blank"
@@ -279,6 +300,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--variants", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--navigated", type=int, default=4, help="every so many have mounting and lever measured"
+    )
     arguments = parser.parse_args()
     count: dict[str, collections.Counter[str]] = collections.defaultdict(collections.Counter)
     for seed in range(arguments.seed, arguments.seed + arguments.variants):
@@ -287,7 +311,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             drive, files = write(v, Path(folder))
             try:
-                draft = measured_draft(files)
+                run = arguments.navigated and seed % arguments.navigated == 0
+                draft = measured_draft(files, navigated=bool(run))
             except Exception as error:  # a script that counts goes on
                 print(f"{seed}: {type(error).__name__}: {error}\n    {v.words()}", flush=True)
                 count["refused"]["wrong"] += 1
@@ -297,8 +322,9 @@ def main() -> None:
         print(f"{seed}: {time.perf_counter() - began:.1f} s {said}", flush=True)
         if any(r.startswith("wrong") for r in found.values()):
             print(f"    {v.words()}", flush=True)
-            for section, key in (("imu", "time_scale"), ("imu", "time_offset_s"), ("imu", "axes"), ("imu", "gyro_unit"), ("gnss", "time_scale")):
-                print(f"      {section}.{key} = {draft.get(section, key)}  # {draft.comment(section, key)}")
+            for section, key in SHOWN:
+                print(f"      {section}.{key} = {draft.get(section, key)}")
+                print(f"        # {draft.comment(section, key)}")
         for key, result in found.items():
             if not key.startswith("off"):
                 count[key][result.partition(":")[0]] += 1

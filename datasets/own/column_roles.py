@@ -170,10 +170,19 @@ def _increases(column: FloatArray) -> bool:
 
 
 def week_index(table: Sampled) -> int | None:
-    """Return the column of GPS weeks."""
+    """Return the column of GPS weeks: by name; without names, constant beside seconds of week."""
     for k in table.find(r"week|^wnc?$"):
         value = table.value[:, k]
         if (value == np.round(value)).all() and 500 < value[0] < 5000:
+            return k
+    if any(table.plain) or len(table.value) < 3:
+        return None
+    for k in range(table.value.shape[1] - 1):
+        week, sow = table.value[:, k], table.value[:, k + 1]
+        constant = (
+            (week == week[0]).all() and week[0] == np.round(week[0]) and 1000 < week[0] < 5000
+        )
+        if constant and _increases(sow) and 0.0 <= sow[0] <= 7 * 86400.0:
             return k
     return None
 

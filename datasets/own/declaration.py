@@ -82,12 +82,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "imu.noise": ("preset", *_NOISE_FIELDS, *_NOISE_UNITS),
     "antenna": ("lever_frd_m", "lever_sigma_m", "source"),
     "gnss": (
-        "file",
-        "topic",
-        "format",
-        "separator",
-        *_TIME_KEYS,
-        "time_offset_sigma_s",
+        *("file", "topic", "format", "separator", *_TIME_KEYS, "time_offset_sigma_s"),
         *_PVT_KEYS,
     ),
     "vehicle": ("mounting_rpy_deg", "mounting_sigma_deg", "wheels_frd_m", "wheels_sigma_m"),

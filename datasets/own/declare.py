@@ -128,9 +128,7 @@ def _complete(draft: Draft) -> None:
     draft.put("imu.noise", "preset", BLANK, f"{known}; or the data sheet's values instead")
     draft.put("antenna", "lever_frd_m", BLANK, "IMU to antenna, e.g. [0.5, 0.0, -1.2]")
     draft.put("antenna", "lever_sigma_m", 0.0, "how well you know it; above 0 a run estimates it")
-    draft.put(
-        "vehicle", "mounting_rpy_deg", BLANK, "IMU in the car; [0.0, 0.0, 0.0] if aligned"
-    )
+    draft.put("vehicle", "mounting_rpy_deg", BLANK, "IMU in the car; [0.0, 0.0, 0.0] if aligned")
     if not {"gnss", "rinex"} & draft.sections.keys():
         draft.head.append("No GNSS was among the files: a run needs [gnss] or [rinex].")
 
@@ -189,5 +187,3 @@ def _draft_file(path: Path, name: str, role: str = "") -> tuple[str, list[Line]]
 
 def _week_line() -> Line:
     return Line("week", BLANK, "GPS week of the first row, e.g. 2129; the file does not hold it")
-
-

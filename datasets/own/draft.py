@@ -11,9 +11,7 @@ from typing import Any, NamedTuple
 from .declaration import BLANK, NAME
 
 #: In the order a declaration is read; a name with a point is a table in the one before.
-_ORDER = (
-    *("imu", "imu.noise", "antenna", "vehicle", "gnss", "rinex", "odometer", "reference"),
-)
+_ORDER = (*("imu", "imu.noise", "antenna", "vehicle", "gnss", "rinex", "odometer", "reference"),)
 _COLUMN = 44
 
 
@@ -100,7 +98,9 @@ class Draft:
     @property
     def blanks(self) -> tuple[tuple[str, str], ...]:
         """Section and key of what waits for an answer."""
-        return tuple((name, x.key) for name in self._names() for x in self.sections[name] if x.blank)
+        return tuple(
+            (name, x.key) for name in self._names() for x in self.sections[name] if x.blank
+        )
 
     def tables(self, answers: Mapping[tuple[str, str], Any]) -> dict[str, dict[str, Any]]:
         """Return sections as a reader takes them, with trial answers in place of lines."""

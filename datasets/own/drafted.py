@@ -13,9 +13,7 @@ from .declare import draft_of
 from .draft import Draft
 
 
-def declaration_of(
-    log: Path, imu: Path, drafted: Callable[[list[Path]], Draft] = draft_of
-) -> Path:
+def declaration_of(log: Path, imu: Path, drafted: Callable[[list[Path]], Draft] = draft_of) -> Path:
     """Return the declaration of a drive whose files are named one by one: ``LOG.toml`` beside it.
 
     Where there is none it is drafted, and what only the user can know is asked.

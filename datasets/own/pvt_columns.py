@@ -109,9 +109,10 @@ def read_timed(
     if scale.rate is not None:
         time = evenly_spaced(columns.table, time, scale.rate)
         notes.append(f"{file}: rounded stamps replaced by {scale.rate:g} Hz, as declared")
-    if scale.name == "gps-week-sow" and (
-        late := late_weeks(columns.numbers["time"] * [1.0, UNITS[scale.unit]])
-    ).any():
+    if (
+        scale.name == "gps-week-sow"
+        and (late := late_weeks(columns.numbers["time"] * [1.0, UNITS[scale.unit]])).any()
+    ):
         line = int(columns.table.line[np.flatnonzero(late)[0]])
         notes.append(
             f"{file}: the week number of {np.count_nonzero(late)} rows from line {line} was not "
@@ -242,7 +243,9 @@ def _position(section: Section, frame: str, columns: Columns) -> tuple[FloatArra
         "height", ("ellipsoid", "geoid"), 'height = "ellipsoid"',
         "what heights count from: ellipsoid, or geoid (mean sea level)",
     )  # fmt: skip
-    height = value[:, 2] * LENGTH_UNITS[section.choice("height_unit", LENGTH_UNITS, "", default="m")]
+    height = (
+        value[:, 2] * LENGTH_UNITS[section.choice("height_unit", LENGTH_UNITS, "", default="m")]
+    )
     notes: tuple[str, ...] = ()
     if datum == "geoid":
         if "geoid_m" in columns.numbers:

@@ -197,7 +197,9 @@ def read_imu(declared: Declaration) -> tuple[ImuData, list[str]]:
     return ImuData(time, *parts), notes
 
 
-def read_rinex(declared: Declaration) -> tuple[GnssObservations | None, GivenFiles | None, list[str]]:
+def read_rinex(
+    declared: Declaration,
+) -> tuple[GnssObservations | None, GivenFiles | None, list[str]]:
     """Return the declared observations, the files they are in, and what was repaired in these."""
     section = declared.section("rinex")
     if section is None:

@@ -57,7 +57,9 @@ def draft_table(table: Sampled, file: Line, role: str = "") -> tuple[str, list[L
             remedy="give the columns names in a header, or write the declaration by hand",
         )
     lines += _unnamed_lines(table, taken)
-    return (role or "gnss"), lines + (reference_lines(attitude=False) if role == "reference" else [])
+    return (role or "gnss"), lines + (
+        reference_lines(attitude=False) if role == "reference" else []
+    )
 
 
 def _positions(

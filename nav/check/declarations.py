@@ -86,8 +86,8 @@ def _orientation(
     n = finding.numbers
     C_bv = matrix_from_rpy(np.radians([n["roll_deg"], n["pitch_deg"], n["yaw_deg"]])).T
     if kind != "declared":
-        rpy = np.degrees(rpy_from_matrix(C_bv.T))
-        return _vector(_MOUNTING, kind, "roll, pitch, yaw", rpy, f"± {n['sigma_deg']:.1f}")
+        angles = np.degrees(rpy_from_matrix(C_bv.T))
+        return _vector(_MOUNTING, kind, "roll, pitch, yaw", angles, f"± {n['sigma_deg']:.1f}")
     section = read_declaration(path).sections["imu"]
     name, C_bv = named(imu_axes(section).T @ C_bv)
     square = max(map(abs, rpy := mounting_rpy_deg(C_bv))) < SQUARE_DEG
@@ -119,7 +119,7 @@ def _mounting(
     sigma = np.radians([n["pitch_sigma_deg"], n["yaw_sigma_deg"]])
     if (np.abs(wrap_angle(measured - declared[1:])) <= SIGNIFICANT * sigma).all():
         return ""
-    values = np.degrees([declared[0], *measured])
+    values = np.array([n["roll_deg"], n["pitch_deg"], n["yaw_deg"]])
     note = f"pitch ± {n['pitch_sigma_deg']:.2f}, yaw ± {n['yaw_sigma_deg']:.2f}"
     return _vector(_MOUNTING, kind, "roll, pitch, yaw", values, note)
 

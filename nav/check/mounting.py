@@ -71,9 +71,10 @@ def mounting_findings(sequence: Sequence) -> list[Finding]:
     sigma_pitch, sigma_yaw = np.hypot([found.sigma_pitch, found.sigma_yaw], sigma_attitude)
     if max(sigma_pitch, sigma_yaw) > _SIGMA_MOUNTING:
         return []
-    # As it is declared, the IMU seen from the vehicle; what roll does to it is of second order.
-    yaw, pitch = (-np.degrees(angle) for angle in (found.yaw, found.pitch))
+    # Straight driving shows forward; roll about it is what is declared.
+    roll, pitch, yaw = np.degrees(_seen(found.C_bv[:, 0], sequence.calibration.C_bv[:, 2]))
     numbers = {
+        "roll_deg": roll,
         "yaw_deg": yaw, "yaw_sigma_deg": float(np.degrees(sigma_yaw)),
         "pitch_deg": pitch, "pitch_sigma_deg": float(np.degrees(sigma_pitch)),
         "straight_s": found.straight_s,
@@ -84,6 +85,14 @@ def mounting_findings(sequence: Sequence) -> list[Finding]:
         f"{found.straight_s:.0f} s of straight driving; attitude from GNSS velocities and turns)"
     )
     return [Finding("note", "mounting", text, numbers=numbers)]
+
+
+def _seen(forward_b: FloatArray, down_b: FloatArray) -> FloatArray:
+    """Return roll, pitch, yaw [rad] of the IMU in a vehicle with these axes, the first exact."""
+    right_b = np.cross(down_b, forward_b)
+    right_b /= np.linalg.norm(right_b)
+    C_bv = np.column_stack([forward_b, right_b, np.cross(forward_b, right_b)])
+    return rpy_from_matrix(C_bv.T)
 
 
 def with_coarse_mounting(

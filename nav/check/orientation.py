@@ -14,7 +14,7 @@ import numpy as np
 
 from ...datasets.axes import all_axes, axes_name
 from ...datasets.physics import TurnRatio, gyro_unit_ratio
-from ...filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix
+from ...filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix, wrap_angle
 from ...velocity.tracks import Track
 from .lag import Fit, fit_increments
 from .motion import COURSE_SPEED, Inertial, increments
@@ -60,6 +60,15 @@ class Facing:
     mirrored: bool
     explained: tuple[float, float]
     B: FloatArray
+
+    @property
+    def disagreement(self) -> float:
+        """Angle between what speed and cornering say by themselves [rad]; 0 with one of them."""
+        if len(self.motions) < 2:
+            return 0.0
+        by_speed = np.arctan2(self.B[0, 1], self.B[0, 0])
+        by_cornering = np.arctan2(-self.B[1, 0], self.B[1, 1])
+        return float(abs(wrap_angle(by_speed - by_cornering)))
 
     @property
     def motions(self) -> tuple[str, ...]:
@@ -140,7 +149,8 @@ class Orientation:
     def sigma(self) -> float:
         """1σ of the rotation, its worst axis, with what roads and tyres leave open [rad]."""
         assert self.facing is not None
-        return float(np.hypot(self.facing.sigma, np.hypot(_LEVEL, _SLIP)))
+        apart = 0.5 * self.facing.disagreement
+        return float(np.linalg.norm([self.facing.sigma, apart, _LEVEL, _SLIP]))
 
     @property
     def up(self) -> str:
@@ -176,15 +186,14 @@ def orientation(imu: Inertial, track: Track) -> Orientation:
         Velocities to decimetres per second.
     """
     mean = (imu.velocity[-1] - imu.velocity[0]) / (imu.time[-1] - imu.time[0])
-    found, down = None, mean
-    for _ in range(2):
-        driven = np.zeros(3) if found is None else _driven(imu, track, C_sl, found)
-        down = driven - mean
+    down = -mean / np.linalg.norm(mean)
+    C_sl = _level(down)
+    found = facing(imu.turned(C_sl.T), track)
+    if found is not None and not found.mirrored:
+        down = _driven(imu, track, C_sl, found) - mean
         down /= np.linalg.norm(down)
         C_sl = _level(down)
         found = facing(imu.turned(C_sl.T), track)
-        if found is None or found.mirrored:
-            break
     course = track.course(COURSE_SPEED)
     rate = gyro_unit_ratio(imu.time, imu.gyro @ down, track.time, course)
     return Orientation(down, rate, found, C_sl, _problem(rate, found))
@@ -217,8 +226,9 @@ def _problem(rate: TurnRatio, found: Facing | None) -> str:
     if max(found.explained) < CERTAIN and len(found.motions) < 2:
         share = 100.0 * max(found.explained)
         return f"too little motion to tell forward: {found.how}, {share:.0f} % explained"
-    if found.sigma > _SURE:
-        return f"too little motion to tell forward: ± {min(np.degrees(found.sigma), 180.0):.0f}°"
+    sigma = float(np.hypot(found.sigma, 0.5 * found.disagreement))
+    if sigma > _SURE:
+        return f"too little motion to tell forward: ± {min(np.degrees(sigma), 180.0):.0f}°"
     if not _GAIN[0] < found.gain < _GAIN[1]:
         return f"the accelerometer's gain against GNSS is {found.gain:.2g}: its unit, or its clock"
     return ""

@@ -155,7 +155,7 @@ def readings(ours: Clock, theirs: Clock) -> Iterator[Reading]:
         bare, dated = (ours, theirs) if ours.kind == "bare" else (theirs, ours)
         sign = 1.0 if bare is ours else -1.0
         week = int(gpstime.to_week_sow(dated.start)[0])
-        if 0.0 <= bare.start and bare.end < 8 * 86400.0:
+        if bare.start >= 0.0 and bare.end < 8 * 86400.0:
             key = {"time_scale": "gps-sow", "week": week}
             shift = sign * week * gpstime.SECONDS_PER_WEEK
             yield Reading(shift, {bare.section: key}, "seconds of week")
@@ -206,23 +206,29 @@ def _say_offset(draft: Draft, offset: Offset, theirs: Clock) -> None:
     before = float(draft.get("imu", "time_offset_s", 0.0))
     after = "week" if draft.has("imu", "week") else "time_scale"
     value = round(before - late, 3)
-    draft.put("imu", "time_offset_s", value, evidence + (whole if late != offset.lag else ""), after)
+    draft.put(
+        "imu", "time_offset_s", value, evidence + (whole if late != offset.lag else ""), after
+    )
     if late == offset.lag:
         sigma = max(round(offset.sigma, 3), 0.01)
-        draft.put("imu", "time_offset_sigma_s", sigma, "a run estimates what is left", "time_offset_s")
+        draft.put(
+            "imu", "time_offset_sigma_s", sigma, "a run estimates what is left", "time_offset_s"
+        )
 
 
-def _own_start(
-    draft: Draft, imu: Inertial, track: Track, ours: Clock, theirs: Clock
-) -> Together:
+def _own_start(draft: Draft, imu: Inertial, track: Track, ours: Clock, theirs: Clock) -> Together:
     """Find the start of a clock of its own from motion alone."""
     shift = theirs.start - ours.start
     moved = imu.shifted(shift)
     lengths = (ours.end - ours.start, theirs.end - theirs.start)
-    found = _found_start(_level(moved, track), track, max(SEARCH, abs(lengths[0] - lengths[1]) + _BESIDE))
+    found = _found_start(
+        _level(moved, track), track, max(SEARCH, abs(lengths[0] - lengths[1]) + _BESIDE)
+    )
     bare = next((c for c in (ours, theirs) if c.kind == "bare"), None)
     if found is None or bare is None:
-        reason = "no reading of the stamps makes IMU and GNSS overlap, and the motion tells no start"
+        reason = (
+            "no reading of the stamps makes IMU and GNSS overlap, and the motion tells no start"
+        )
         for clock in (ours, theirs):
             if draft.asks(clock.section, "time_scale"):
                 draft.leave(clock.section, "time_scale", f"not measured: {reason}")
@@ -231,7 +237,9 @@ def _own_start(
     evidence = f"measured: turns agree there, {100.0 * found.explained:.0f} % explained"
     if {ours.kind, theirs.kind} == {"bare"}:
         for clock in (ours, theirs):
-            draft.put(clock.section, "time_scale", "relative", "two clocks, one offset between them")
+            draft.put(
+                clock.section, "time_scale", "relative", "two clocks, one offset between them"
+            )
         draft.put("imu", "time_offset_s", round(start, 3), evidence, "time_scale")
     else:
         add = start if bare is ours else -start

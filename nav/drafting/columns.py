@@ -84,9 +84,7 @@ def _pairs(
     """Yield columns of positions and velocities that agree, and how."""
     names = list(range(table.value.shape[1]))
     free = [k for k in names if k not in taken and np.isfinite(table.value[:, k]).any()]
-    triples = [
-        [k, k + 1, k + 2] for k in free if {k, k + 1, k + 2} <= set(free)
-    ]
+    triples = [[k, k + 1, k + 2] for k in free if {k, k + 1, k + 2} <= set(free)]
     places = triples
     if "position" not in asked:
         known = draft.get(section, "position")

@@ -25,16 +25,16 @@ _KNOWN, _SAID = 0.15, 0.3
 _FACTOR = 2.0
 
 
-def mounting(draft: Draft, sequence: Sequence, roll: float) -> None:
+def mounting(draft: Draft, sequence: Sequence) -> None:
     """Write pitch and yaw of the IMU over their coarse values, where straights show them.
 
-    Roll [deg] is gravity's: no motion straight ahead shows it.
+    Roll is that of the sequence, which is gravity's: no motion straight ahead shows it.
     """
     found = [f for f in mounting_findings(sequence) if f.subject == "mounting"]
     if not found:
         return
     n = found[0].numbers
-    rpy = [round(v, 1) + 0.0 for v in (roll, n["pitch_deg"], n["yaw_deg"])]
+    rpy = [round(v, 1) + 0.0 for v in (n["roll_deg"], n["pitch_deg"], n["yaw_deg"])]
     sigma = float(np.hypot(n["pitch_sigma_deg"], n["yaw_sigma_deg"]))
     evidence = (
         f"measured: pitch ± {n['pitch_sigma_deg']:.2f}, yaw ± {n['yaw_sigma_deg']:.2f} over "
@@ -55,7 +55,9 @@ def lever(draft: Draft, sequence: Sequence) -> None:
     part, fixes = sequence.inertial, sequence.fixes
     part = part.between(part.time[0], min(part.time[-1], part.time[0] + _LONGEST))
     if fixes is not None and len(fixes) > 1:
-        fixes = fixes.take(slice(None, None, max(1, round(_EVERY / float(np.median(np.diff(fixes.time)))))))
+        fixes = fixes.take(
+            slice(None, None, max(1, round(_EVERY / float(np.median(np.diff(fixes.time))))))
+        )
     alone = dataclasses.replace(
         sequence, imu=part, fixes=fixes, calibration=calibration, reference=None
     )
@@ -72,7 +74,9 @@ def lever(draft: Draft, sequence: Sequence) -> None:
     if sigma.max() < _KNOWN:
         value = [round(float(v), 2) + 0.0 for v in arm]
         draft.put("antenna", "lever_frd_m", value, f"measured: ± {sigma.max():.2f} m, by a run")
-        draft.put("antenna", "lever_sigma_m", round(float(sigma.max()), 2), "a run estimates the rest")
+        draft.put(
+            "antenna", "lever_sigma_m", round(float(sigma.max()), 2), "a run estimates the rest"
+        )
         return
     said = [
         f"{name} {value:+.2f} ± {s:.2f}"

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence as Items
 from pathlib import Path
-from typing import Any
 
 from ...datasets.own.declare import draft_of
 from ...datasets.own.draft import Draft
@@ -93,7 +92,7 @@ def _motion(draft: Draft, navigated: bool) -> None:
     with trial.unmeasured(draft, "the reference"):
         truth.measure(draft, track, theirs)
     if found is not None and navigated:
-        _installation(draft, float(mounting_rpy_deg(named(found.C_sv)[1])[0]))
+        _installation(draft, mounting_rpy_deg(named(found.C_sv)[1]))
 
 
 def _track(draft: Draft) -> tuple[Track | None, clocks.Clock | None]:
@@ -106,16 +105,16 @@ def _track(draft: Draft) -> tuple[Track | None, clocks.Clock | None]:
     return track, clocks.clock_of(draft, section, track.time)
 
 
-def _installation(draft: Draft, roll: float) -> None:
+def _installation(draft: Draft, coarse_rpy_deg: list[float]) -> None:
     """Measure mounting and lever arm, if the recording can be read with what is there."""
-    answers: dict[tuple[str, str], Any] = {}
+    answers = {("vehicle", "mounting_rpy_deg"): coarse_rpy_deg}
     if draft.asks("imu", "axes") or draft.asks("imu", "gyro_unit"):
         return
     sequence = trial.sequence_if_read(draft, answers)
     if sequence is None:
         return
-    installed.mounting(draft, sequence, roll)
-    sequence = trial.sequence_if_read(draft, answers)
+    installed.mounting(draft, sequence)
+    sequence = trial.sequence_if_read(draft, {})
     if sequence is None:
         return
     installed.lever(draft, sequence)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,10 @@ from ..check.axes import track_turning
 from ..check.motion import COURSE_SPEED
 from . import clocks, trial
 
-#: Positions that scatter less by this factor about their own velocities are the truth.
-_BETTER = 3.0
+#: Positions that scatter less by this factor about their own velocities are the truth: that of RTK
+#: to code. Between a receiver's fixes and its own fused solution lies a factor of five, either way.
+_BETTER = 10.0
+_NAMED = re.compile(r"(^|[^a-z])(ref|reference|truth|gt|ground_?truth|ppk|span)([^a-z]|$)", re.I)
 #: Headings within this of the course are in the right convention, others further [deg].
 _WITHIN, _BEYOND = 12.0, 25.0
 #: A point so near to the antenna, in all directions and known so well [m].
@@ -33,7 +36,14 @@ def better_of(draft: Draft) -> dict[str, str]:
 
     Only where neither has an attitude: what has one is the reference.
     """
-    if draft.has("reference", "attitude") or "gnss" not in draft.sections:
+    if draft.has("reference", "attitude") or not {"gnss", "reference"} <= draft.sections.keys():
+        return {}
+    names = (draft.get("gnss", "file"), draft.get("reference", "file"))
+    called = [bool(_NAMED.search(Path(name).name)) for name in names]
+    if called[0] != called[1]:
+        if called[0]:
+            return {names[0]: "reference", names[1]: "gnss"}
+        draft.put("reference", "file", names[1], "so its name says")
         return {}
     fixes, reference = trial.fixes_of(draft), trial.reference_of(draft)
     if fixes is None or reference is None:
@@ -42,7 +52,6 @@ def better_of(draft: Draft) -> dict[str, str]:
     for record in (fixes, reference):
         found = agreement(record.time, record.pos_e, record.vel_e)
         scatter.append(np.nan if found is None else max(found.scatter, 1e-3))
-    names = (draft.get("gnss", "file"), draft.get("reference", "file"))
     if not np.isfinite(scatter).all() or 1.0 / _BETTER < scatter[0] / scatter[1] < _BETTER:
         draft.head.append(
             f"{names[0]} and {names[1]} both hold positions: which is the truth was not measured; "
@@ -63,15 +72,14 @@ def measure(draft: Draft, track: Track, theirs: clocks.Clock) -> None:
     if reference is None:
         return
     ours = clocks.clock_of(draft, "reference", reference.time)
-    lag = _clock(draft, reference_track(reference), track, ours, theirs)
+    _clock(draft, reference_track(reference), track, ours, theirs)
     if draft.has("reference", "attitude"):
         _angles(draft)
-    del lag
 
 
 def _clock(
     draft: Draft, mine: Track, track: Track, ours: clocks.Clock, theirs: clocks.Clock
-) -> float | None:
+) -> None:
     """Write the reference's time scale and offset where its motion tells them."""
     for shift, keys, words in clocks.readings(ours, theirs):
         moved = Track(mine.name, mine.time + shift, mine.pos_e, mine.vel_n)
@@ -91,10 +99,9 @@ def _clock(
         if lag:
             evidence = f"measured: {measured} late against the GNSS"
             draft.put("reference", "time_offset_s", round(-lag, 3), evidence, "time_scale")
-        return float(lag)
+        return
     if draft.asks("reference", "time_scale"):
         draft.leave("reference", "time_scale", "not measured: no motion in common with the GNSS")
-    return None
 
 
 def _as_gnss(draft: Draft) -> dict[str, Any]:
@@ -162,10 +169,3 @@ def point(draft: Draft, sequence: Sequence) -> None:
         draft.put("reference", "point", "antenna", f"measured: the antenna is there: {seen}")
         return
     draft.leave("reference", "point", f"measured: the antenna seen from it is {seen}")
-
-
-def redrafted(files: list[Path], roles_of: dict[str, str]) -> Draft:
-    """Return the draft with those roles."""
-    from ...datasets.own.declare import draft_of
-
-    return draft_of(files, roles_of)

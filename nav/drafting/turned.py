@@ -55,7 +55,9 @@ def _unit(draft: Draft, imu: ImuData, found: Orientation) -> None:
     ]  # fmt: skip
     turned = f"{np.degrees(rate.turned):.0f}° of turning"
     if len(fits) != 1:
-        reason = f"not measured: the rate about down is {abs(rate.ratio):.3g} times that of the course"
+        reason = (
+            f"not measured: the rate about down is {abs(rate.ratio):.3g} times that of the course"
+        )
         draft.leave("imu", "gyro_unit", reason)
         return
     slope = abs(rate.ratio) * GYRO_UNITS[fits[0]][0] / as_read
@@ -76,7 +78,9 @@ def _axes(draft: Draft, found: Orientation) -> None:
         seen = ", ".join(f"{v:+.1f}" for v in rpy)
         evidence = f"measured: square to {seen}° ± {sigma:.1f}°"
         draft.put("vehicle", "mounting_rpy_deg", [0.0, 0.0, 0.0], evidence)
-        draft.put("vehicle", "mounting_sigma_deg", SQUARE_DEG, "a run estimates pitch and yaw from there")
+        draft.put(
+            "vehicle", "mounting_sigma_deg", SQUARE_DEG, "a run estimates pitch and yaw from there"
+        )
         return
     evidence = f"measured: gravity, speed and cornering, ± {sigma:.1f}°"
     draft.put("vehicle", "mounting_rpy_deg", rpy, evidence)

@@ -53,8 +53,8 @@ def measure(draft: Draft, section: str) -> None:
         _choices(draft.get(section, "velocity_frame"), ("ned", "enu", "ecef")),
     )  # fmt: skip
     if len(found) != 1:
-        _leave(draft, section, "too little motion, or none that fits" if not found else
-               "fits as " + " and ".join(f"{f.frame} in {f.speed_unit}" for f in found))  # fmt: skip
+        several = " and ".join(f"{f.frame} in {f.speed_unit}" for f in found)
+        _leave(draft, section, f"fits as {several}" if found else "too little motion, or none fits")
         return
     _fill(draft, section, found[0])
     if frame_of == "lla" and found[0].frame != "ecef":
@@ -83,7 +83,9 @@ def matches(
         To be tried.
     """
     out = []
-    for angle, frame in itertools.product(angle_units if position_frame == "lla" else ("",), frames):
+    for angle, frame in itertools.product(
+        angle_units if position_frame == "lla" else ("",), frames
+    ):
         pos_e = position
         if position_frame == "lla":
             lat, lon = position[:, :2].T * ANGLE_UNITS[angle]
@@ -158,8 +160,10 @@ def _vertical(
         return
     unit = min(LENGTH_UNITS, key=lambda u: abs(np.log(slope * LENGTH_UNITS[u])))
     unsaid = draft.asks(section, "height_unit") or not draft.has(section, "height_unit")
-    if unsaid and abs(slope * LENGTH_UNITS[unit] - 1.0) < 0.3 and not (
-        unit == "m" and not draft.has(section, "height_unit")
+    if (
+        unsaid
+        and abs(slope * LENGTH_UNITS[unit] - 1.0) < 0.3
+        and not (unit == "m" and not draft.has(section, "height_unit"))
     ):
         evidence = f"measured: heights change by {slope:.3g} for 1 m of climbing"
         draft.put(section, "height_unit", unit, evidence, after="height")

@@ -21,6 +21,7 @@ from certnav.nav.check.recording import check
 from certnav.nav.drafting import measured_draft
 from certnav.velocity.tracks import gnss_tracks
 
+DEGREES = float(np.degrees(1.0))
 LEVER = (-0.65, -0.05, -0.15)
 
 
@@ -48,7 +49,7 @@ def write_imu(file, drive, C_bs=None, gyro=1.0, accel=1.0, stamp=None, names="t 
     return file
 
 
-def write_gnss(file, fixes, speed=1.0, angle=np.degrees(1.0), stamp=None, names=None, rows=None):
+def write_gnss(file, fixes, speed=1.0, angle=DEGREES, stamp=None, names=None, rows=None):
     lla = ecef_to_lla(fixes.pos_e)
     vel_n = np.einsum("nij,ni->nj", C_en_of(fixes.pos_e), fixes.vel_e)
     time = fixes.time % 604800.0 if stamp is None else stamp
@@ -191,7 +192,7 @@ def test_angles_of_a_reference_by_the_course(drive, fixes, tmp_path):
     yaw = np.pi / 2 - heading  # ENU, counter-clockwise from east
     columns = [reference.time % 604800.0, *np.degrees(lla[:, :2]).T, lla[:, 2]]
     columns += [roll, -pitch, (yaw + np.pi) % (2 * np.pi) - np.pi]
-    names = "t lat lon height roll pitch yaw".split()
+    names = ["t", "lat", "lon", "height", "roll", "pitch", "yaw"]
     table = pd.DataFrame(dict(zip(names, columns, strict=True)))
     table.to_csv(tmp_path / "ref.csv", index=False)
     draft = measured_draft([imu, gnss, tmp_path / "ref.csv"], navigated=False)
