@@ -19,6 +19,7 @@ from ...datasets.own.declaration import GYRO_UNITS, NAME, imu_axes, read_declara
 from ...datasets.sequence import Sequence
 from ...filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix, wrap_angle
 from .findings import Finding
+from .mounting import with_roll_of
 from .orientation import SQUARE_DEG, mounting_rpy_deg, named
 from .timing import SIGNIFICANT
 
@@ -114,12 +115,12 @@ def _gyro_unit(declared: str, ratio: float) -> str:
 def _mounting(
     finding: Finding, sequence: Sequence, path: str | Path, kind: str, options: Mapping[str, Any]
 ) -> str:
-    n, declared = finding.numbers, rpy_from_matrix(sequence.calibration.C_bv.T)
-    measured = np.radians([n["pitch_deg"], n["yaw_deg"]])
+    n, C_bv = finding.numbers, sequence.calibration.C_bv
+    values = with_roll_of(C_bv, n["pitch_deg"], n["yaw_deg"])
     sigma = np.radians([n["pitch_sigma_deg"], n["yaw_sigma_deg"]])
-    if (np.abs(wrap_angle(measured - declared[1:])) <= SIGNIFICANT * sigma).all():
+    off = np.radians(values[1:]) - rpy_from_matrix(C_bv.T)[1:]
+    if (np.abs(wrap_angle(off)) <= SIGNIFICANT * sigma).all():
         return ""
-    values = np.array([n["roll_deg"], n["pitch_deg"], n["yaw_deg"]])
     note = f"pitch ± {n['pitch_sigma_deg']:.2f}, yaw ± {n['yaw_sigma_deg']:.2f}"
     return _vector(_MOUNTING, kind, "roll, pitch, yaw", values, note)
 

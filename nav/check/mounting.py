@@ -17,7 +17,7 @@ from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of
 from ...filters.errors import NavError
 from ...filters.levers import rate_over_earth
-from ...filters.rotation import FloatArray, rpy_from_matrix, wrap_angle
+from ...filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix, wrap_angle
 from ...velocity.mounting import Mounting, calibrate_mounting
 from ...velocity.tracks import Track, tracks
 from ..config import AlignmentConfig, Config, FilterConfig, VehicleConfig
@@ -71,10 +71,9 @@ def mounting_findings(sequence: Sequence) -> list[Finding]:
     sigma_pitch, sigma_yaw = np.hypot([found.sigma_pitch, found.sigma_yaw], sigma_attitude)
     if max(sigma_pitch, sigma_yaw) > _SIGMA_MOUNTING:
         return []
-    # Straight driving shows forward; roll about it is what is declared.
-    roll, pitch, yaw = np.degrees(_seen(found.C_bv[:, 0], sequence.calibration.C_bv[:, 2]))
+    # As it is declared, the IMU seen from the vehicle, without roll: see `with_roll_of`.
+    yaw, pitch = (-np.degrees(angle) for angle in (found.yaw, found.pitch))
     numbers = {
-        "roll_deg": roll,
         "yaw_deg": yaw, "yaw_sigma_deg": float(np.degrees(sigma_yaw)),
         "pitch_deg": pitch, "pitch_sigma_deg": float(np.degrees(sigma_pitch)),
         "straight_s": found.straight_s,
@@ -87,12 +86,17 @@ def mounting_findings(sequence: Sequence) -> list[Finding]:
     return [Finding("note", "mounting", text, numbers=numbers)]
 
 
-def _seen(forward_b: FloatArray, down_b: FloatArray) -> FloatArray:
-    """Return roll, pitch, yaw [rad] of the IMU in a vehicle with these axes, the first exact."""
-    right_b = np.cross(down_b, forward_b)
+def with_roll_of(C_bv: FloatArray, pitch_deg: float, yaw_deg: float) -> FloatArray:
+    """Return roll, pitch, yaw [deg] as declared of a measured forward axis and C_bv's vertical.
+
+    Straight driving shows where forward is, `pitch_deg` and `yaw_deg` without roll. Of an IMU that
+    is rolled and turned all three angles are others, by degrees.
+    """
+    forward_b = matrix_from_rpy(np.radians([0.0, -pitch_deg, -yaw_deg]))[:, 0]
+    right_b = np.cross(C_bv[:, 2], forward_b)
     right_b /= np.linalg.norm(right_b)
-    C_bv = np.column_stack([forward_b, right_b, np.cross(forward_b, right_b)])
-    return rpy_from_matrix(C_bv.T)
+    found = np.column_stack([forward_b, right_b, np.cross(forward_b, right_b)])
+    return np.degrees(rpy_from_matrix(found.T))
 
 
 def with_coarse_mounting(

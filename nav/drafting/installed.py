@@ -9,7 +9,7 @@ import numpy as np
 from ...datasets.own.draft import Draft
 from ...datasets.sequence import Sequence
 from ...filters.errors import NavError
-from ..check.mounting import mounting_findings
+from ..check.mounting import mounting_findings, with_roll_of
 from ..config import Config
 from ..pipeline import navigate
 
@@ -34,7 +34,10 @@ def mounting(draft: Draft, sequence: Sequence) -> None:
     if not found:
         return
     n = found[0].numbers
-    rpy = [round(v, 1) + 0.0 for v in (n["roll_deg"], n["pitch_deg"], n["yaw_deg"])]
+    rpy = [
+        round(float(v), 1) + 0.0
+        for v in with_roll_of(sequence.calibration.C_bv, n["pitch_deg"], n["yaw_deg"])
+    ]
     sigma = float(np.hypot(n["pitch_sigma_deg"], n["yaw_sigma_deg"]))
     evidence = (
         f"measured: pitch ± {n['pitch_sigma_deg']:.2f}, yaw ± {n['yaw_sigma_deg']:.2f} over "
