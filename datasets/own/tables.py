@@ -56,7 +56,7 @@ def draft_table(table: Sampled, file: Line, role: str = "") -> tuple[str, list[L
             file=table.source.file,
             remedy="give the columns names in a header, or write the declaration by hand",
         )
-    lines += _unnamed_lines(table, taken)
+    lines += _unnamed_lines(table, taken, deviations=role != "reference")
     return (role or "gnss"), lines + (
         reference_lines(attitude=False) if role == "reference" else []
     )
@@ -98,7 +98,7 @@ def reference_lines(*, attitude: bool = True) -> list[Line]:
     ]
 
 
-def _unnamed_lines(table: Sampled, taken: set[int]) -> list[Line]:
+def _unnamed_lines(table: Sampled, taken: set[int], *, deviations: bool) -> list[Line]:
     """Return a draft for columns that neither names nor numbers tell: positions, most likely."""
     rest = [str(table.column(k)) for k in range(table.value.shape[1]) if k not in taken]
     lines = [
@@ -110,7 +110,7 @@ def _unnamed_lines(table: Sampled, taken: set[int]) -> list[Line]:
         Line("height", BLANK, "ellipsoid; or geoid (mean sea level) with geoid_m = …; lla only"),
     ]
     velocity = velocity_lines(table) or _no_velocity_lines(table, taken)
-    return [*lines, *velocity, *_deviation_lines(table, True)]
+    return [*lines, *velocity, *(_deviation_lines(table, True) if deviations else [])]
 
 
 def _time_lines(table: Sampled, kind: str) -> tuple[list[Line], set[int]]:

@@ -23,7 +23,7 @@ from ...filters.errors import ConfigError, DataError, NavError
 from ...filters.rotation import FloatArray
 from ...velocity.tracks import Track, Tracks, differenced, thinned, tracks
 from ..config import GnssConfig
-from ..notes import clock
+from ..notes import clock, counted_from
 from ..vehicles import VEHICLES, would_explain
 from . import axes, motion, timing
 from .findings import Finding, Report, in_order
@@ -126,6 +126,13 @@ def check_sequence(
     kind : str
         What moves, of `nav.vehicles.VEHICLES`: it sets which tests apply.
     """
+    start = sequence.span[0] if sequence.imu is None else float(sequence.imu.time[0])
+    with counted_from(start):
+        return _tested(sequence, gnss, kind)
+
+
+def _tested(sequence: Sequence, gnss: GnssConfig | None, kind: str) -> list[Finding]:
+    """Return all findings, worst first, without those that follow from others."""
     found = tracks(sequence)
     min_cn0 = (gnss or GnssConfig()).min_cn0_dbhz
     gnss_found = gnss_findings(sequence, found, min_cn0, VEHICLES[kind])
@@ -290,7 +297,7 @@ def dates(sequence: Sequence) -> list[Finding]:
         remedy = "correct the GPS week or the time scale"
         return [Finding("fatal", "time", f"GPS second {start:.6g}: cannot be", remedy)]
     date = gpstime.to_calendar(start)
-    found = f"GPS week {int(week)}, {float(sow):.1f} s: {date:%Y-%m-%d %H:%M:%S} GPST"
+    found = f"GPS week {int(week)}, SOW {float(sow):.2f}: {date:%Y-%m-%d %H:%M:%S} GPST"
     numbers = {"week": float(week)}
     today = datetime.datetime.now(datetime.UTC).replace(tzinfo=None)
     if date > today + datetime.timedelta(days=1) or week < 500:

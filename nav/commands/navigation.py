@@ -22,7 +22,7 @@ from ..check.recording import check_sequence
 from ..config import Config
 from ..evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
 from ..learned import learned, with_calibration
-from ..notes import Note
+from ..notes import Note, span_words
 from ..pipeline import navigate
 from ..results.directory import check_replaceable, write_result
 from ..solution import Solution
@@ -216,6 +216,8 @@ def _print_summary(
         if note.severity == "lost":
             print(f"{solution.status.upper()} {note.text}")
     print(f"{solution.name}: {span:.0f} s navigated, {len(sequence.inertial)} IMU samples")
+    imu = sequence.inertial
+    print(f"  time        {span_words(float(imu.time[0]), float(imu.time[-1]))}")
     print(f"  alignment   {solution.alignment.message}, after {solution.alignment.waited:.0f} s")
     counts: dict[str, list[int]] = {}
     for update in solution.updates:

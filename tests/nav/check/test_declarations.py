@@ -98,8 +98,8 @@ def test_mounting_keeps_the_declared_roll(sequence, own):
     other = dataclasses.replace(same, numbers={**numbers, "pitch_deg": -1.0})
     line = declared(other, turned, own)
     found = tomllib.loads(line)["vehicle"]["mounting_rpy_deg"]
-    # 1° of roll turns 3° of yaw into 0.05° of pitch
-    np.testing.assert_allclose(found, [1.0, -1.0, 3.1], atol=0.1)
+    # roll and yaw turn 3° of pitch into tenths of the others
+    np.testing.assert_allclose(found, [1.0, -1.0, 3.1], atol=0.2)
     great = declared(other, turned, own, format="great")
     np.testing.assert_allclose(tomllib.loads(great)["mounting_rpy_deg"], found)
 
