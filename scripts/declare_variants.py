@@ -290,7 +290,10 @@ def _judge_time(v: Variant, drive: Simulation, draft: Draft, out: dict[str, str]
     true = drive.imu.time[0] - (drive.config.start_time + 1.0)
     off = (imu.time[0] - fixes.time[0]) - true
     dated = draft.get("gnss", "time_scale") != "relative"
-    wrong = abs(off) > 0.12 or (dated and abs(fixes.time[0] - drive.config.start_time - 1.0) > 0.12)
+    allowed = max(0.12, 2.5 * float(draft.get("imu", "time_offset_sigma_s", 0.0)))
+    wrong = abs(off) > allowed or (
+        dated and abs(fixes.time[0] - drive.config.start_time - 1.0) > 0.12
+    )
     out["time"] = "wrong" if wrong else "right"
     out["off_s"] = f"{off:+.3f}"
 

@@ -35,6 +35,9 @@ def declaration_of(log: Path, imu: Path, drafted: Callable[[list[Path]], Draft] 
         there is of other files.
     """
     for file in (log, imu):
+        if file.is_dir():
+            what = "with --imu, a receiver's log or RINEX" if file == log else "the IMU's file"
+            raise DataError(f"expected {what}, found a folder", file=file)
         if not file.is_file():
             raise DataError("file not found", file=file, remedy="check the name")
     file = log.with_name(f"{log.name.partition('.')[0]}.toml")

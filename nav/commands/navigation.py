@@ -29,6 +29,8 @@ from ..solution import Solution
 from ..vehicles import VEHICLES, would_explain
 from .terminal.progress import announce_kernels, progress
 
+#: What a bound may be beyond a recording and still be meant for it [s].
+_DAY = 86400.0
 _log = logging.getLogger(__name__)
 
 
@@ -203,9 +205,18 @@ def cut(sequence: Sequence, start: float | None, end: float | None) -> Sequence:
     def full(value: float) -> float:
         return value + week * SECONDS_PER_WEEK if value < SECONDS_PER_WEEK else value
 
-    return sequence.between(
-        first if start is None else full(start), last if end is None else full(end)
-    )
+    begin = first if start is None else full(start)
+    stop = last if end is None else full(end)
+    # What is no time of the recording's week, and far outside, was meant otherwise.
+    given = [v for v in (start, end) if v is not None and v >= SECONDS_PER_WEEK]
+    foreign = any(not first - _DAY <= v <= last + _DAY for v in given)
+    if foreign or begin >= min(stop, last) or stop <= first:
+        recorded = span_words(first, last).partition(";")[0]
+        raise DataError(
+            f"--start, --end: expected a part of {sequence.name} ({recorded}), found "
+            f"{begin if start is None else start:.10g} … {stop if end is None else end:.10g}"
+        )
+    return sequence.between(begin, stop)
 
 
 def _print_summary(

@@ -12,6 +12,7 @@ DESCRIPTION = (
     "Navigate a sequence: GNSS positions and Doppler velocities with the IMU in "
     "an error-state filter, judged against the reference if there is one."
 )
+EXAMPLE = "certnav run drive --smooth"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from ...datasets.great.catalogue import great_sequence
     from ...datasets.own.drafted import declaration_of
-    from ...filters.errors import ConfigError
+    from ...filters.errors import ConfigError, DataError
     from ..config_files import load_config
     from ..results.formats import parse_formats
     from .navigation import navigate_folder
@@ -84,6 +85,8 @@ def run(arguments: argparse.Namespace) -> int:
     smooth = ["filter.smooth=true"] if arguments.smooth else []
     config = load_config(arguments.config, [*arguments.set, *smooth])
     if arguments.base is not None:
+        if not arguments.base.exists():  # before anything is read
+            raise DataError("no such file or folder", file=arguments.base, remedy="check --base")
         gnss = dataclasses.replace(config.gnss, base=str(arguments.base), position="rtk")
         config = dataclasses.replace(config, gnss=gnss)
     path = arguments.path

@@ -122,6 +122,8 @@ def measure(draft: Draft, imu: Inertial, track: Track, ours: Clock, theirs: Cloc
         if offset.significant:
             _say_offset(draft, offset, theirs)
             moved = moved.shifted(-offset.lag)
+        else:
+            _say_unsure(draft, offset)
         return Together(moved, track, True)
     return _own_start(draft, imu, track, ours, theirs)
 
@@ -214,6 +216,15 @@ def _say_offset(draft: Draft, offset: Offset, theirs: Clock) -> None:
         draft.put(
             "imu", "time_offset_sigma_s", sigma, "a run estimates what is left", "time_offset_s"
         )
+
+
+def _say_unsure(draft: Draft, offset: Offset) -> None:
+    """Have a run estimate an offset that is neither shown nor excluded."""
+    size = float(np.hypot(offset.lag, offset.sigma))
+    if size > LAG_TOLERANCE:
+        evidence = f"measured: stamps {offset.lag:+.2f} ± {offset.sigma:.2f} s late, or right"
+        after = "week" if draft.has("imu", "week") else "time_scale"
+        draft.put("imu", "time_offset_sigma_s", round(size, 2), evidence, after)
 
 
 def _own_start(draft: Draft, imu: Inertial, track: Track, ours: Clock, theirs: Clock) -> Together:
