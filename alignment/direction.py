@@ -18,7 +18,7 @@ from ..filters.rotation import FloatArray
 from ..filters.strapdown import InertialStream
 from .in_motion.track import inertial_track
 from .levelling import LARGEST_SIGMA_HEADING, InitialAttitude, VelocityTrack
-from .velocity_matching import heading_offset
+from .velocity_matching import HeadingOffset, heading_offset
 
 #: How far from the instant of the attitude gyros alone are believed [s].
 _REACH = 30.0
@@ -28,6 +28,8 @@ _FLOOR = 0.15
 _NEITHER = 4.0
 #: A velocity that counts for less than this beside the others is not one to start from.
 _BORNE_OUT = 0.3
+#: Velocities nearer than this share their reflections [s].
+_SHARED = 3.0
 #: Epochs further apart than this do not make a difference worth having [s].
 _LONGEST = 2.5
 
@@ -77,10 +79,15 @@ class Fit(NamedTuple):
         Why it is not to be believed; '' where nothing speaks against it.
     sigma : float
         1σ of the heading by the accelerations alone [rad]; inf where they tell nothing.
+    borne_out : bool
+        Whether velocities of other seconds have the same heading. The one that the course is of,
+        and those that share its reflections, do not count: after a standstill any velocity has
+        the course that the accelerations have with it.
     """
 
     against: str = ""
     sigma: float = float("inf")
+    borne_out: bool = False
 
 
 def course_fit(stream: InertialStream, track: VelocityTrack, attitude: InitialAttitude) -> Fit:
@@ -97,28 +104,45 @@ def course_fit(stream: InertialStream, track: VelocityTrack, attitude: InitialAt
         With its heading from a velocity of the track.
     """
     k = _epochs_around(stream, track, attitude.time)
-    if k.size < 3:
+    found = _offset(stream, track, k, attitude)
+    apart = k[np.abs(track.time[k] - attitude.time) > _SHARED]
+    others = _offset(stream, track, apart, attitude)
+    for each in (found, others):
+        if each is None:
+            continue
+        if each.contradicts:
+            return Fit(f"velocities change {each.scale:.1f} times as much as accelerometers feel")
+        limit = 3.0 * float(np.hypot(each.sigma, attitude.sigma_heading))
+        if each.tells and abs(each.offset) > max(LARGEST_SIGMA_HEADING, limit):
+            off = np.degrees(abs(each.offset))
+            text = f"the accelerations have the heading {off:.0f}° beside the course"
+            return Fit(text, each.sigma)
+    if found is None:
         return Fit()
+    sigma = found.sigma if found.tells else float("inf")
+    used = np.flatnonzero(np.abs(track.time[k] - attitude.time) < 1e-6)
+    if found.tells and used.size and found.weight[used[0]] < _BORNE_OUT:
+        against = "the accelerations do not bear out the velocity that the course is of"
+        return Fit(against, sigma)
+    known = others is not None and others.tells and others.sigma <= LARGEST_SIGMA_HEADING
+    return Fit("", sigma, known)
+
+
+def _offset(
+    stream: InertialStream, track: VelocityTrack, k: np.ndarray, attitude: InitialAttitude
+) -> HeadingOffset | None:
+    """Return what the velocities of these epochs say of the heading."""
+    if k.size < 3:
+        return None
     time = np.union1d(track.time[k], [attitude.time])
     imu = inertial_track(stream, time, attitude.gyro_bias)
     C_ne = C_en_of(track.pos_e[k[0]]).T
     C_nw = C_ne @ attitude.C_eb @ imu.C_wb[np.searchsorted(time, attitude.time)].T
     rows = np.searchsorted(time, track.time[k])
-    found = heading_offset(
+    return heading_offset(
         track.time[k], (track.vel_e[k] @ C_ne.T)[:, :2], track.sigma[k],
         (imu.dv_w[rows] @ C_nw.T)[:, :2], C_nw @ imu.C_wb[rows],
     )  # fmt: skip
-    if found is None:
-        return Fit()
-    limit = max(LARGEST_SIGMA_HEADING, 3.0 * float(np.hypot(found.sigma, attitude.sigma_heading)))
-    off = np.degrees(abs(found.offset))
-    if abs(found.offset) > limit:
-        return Fit(f"the accelerations have the heading {off:.0f}° beside the course", found.sigma)
-    used = np.flatnonzero(np.abs(track.time[k] - attitude.time) < 1e-6)
-    if used.size and found.weight[used[0]] < _BORNE_OUT:
-        against = "the accelerations do not bear out the velocity that the course is of"
-        return Fit(against, found.sigma)
-    return Fit("", found.sigma)
 
 
 def _epochs_around(stream: InertialStream, track: VelocityTrack, time: float) -> np.ndarray:

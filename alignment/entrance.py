@@ -58,6 +58,20 @@ def align(
         If arrays are missing, or not what they should be.
     AlignmentError
         If there are no rows, or they say nothing about the attitude.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import align
+    >>> from certnav.alignment.reference import simulate_window
+    >>> rng = np.random.default_rng(7)
+    >>> window = simulate_window(rng, 4, "3d", epochs=20, speed=10.0, sigma=0.05)
+    >>> result = align(window.rows)
+    >>> result.passed, bool(np.degrees(result.bound) < 10.0)
+    (True, True)
+    >>> error = np.arccos(0.5 * (np.trace(result.C_ew.T @ window.C_ew) - 1.0))
+    >>> bool(error < result.bound)  # the truth is within what is claimed
+    True
     """
     if not isinstance(rows, AlignmentRows):
         rows = AlignmentRows.of(rows)

@@ -361,14 +361,15 @@ def _carry_from_rest(
     samples = _samples(stream, *rest)
     mean_rate = stream.gyro[samples].mean(axis=0)
     after = _samples(stream, rest[1], time)
-    C = _level_at_rest(stream, rest, C_bv)
     gravity = np.array([0.0, 0.0, np.linalg.norm(stream.accel[samples].mean(axis=0))])
-    moved = 0.0
     dt = np.diff(stream.edges)[after]
-    for rate, force, step in zip(stream.gyro[after], stream.accel[after], dt, strict=True):
-        moved += step * float((C @ C_bv)[:, 0] @ (C @ force + gravity))
-        C = C @ matrix_from_rotvec((rate - mean_rate) * step)
-    return C, mean_rate, time - rest[1], moved
+    C_hb = np.empty((len(dt) + 1, 3, 3))
+    C_hb[0] = _level_at_rest(stream, rest, C_bv)
+    for k, turn in enumerate(matrix_from_rotvec((stream.gyro[after] - mean_rate) * dt[:, None])):
+        np.matmul(C_hb[k], turn, out=C_hb[k + 1])
+    felt_h = np.einsum("kij,kj->ki", C_hb[:-1], stream.accel[after]) + gravity
+    moved = float(dt @ np.sum((C_hb[:-1] @ C_bv[:, 0]) * felt_h, axis=1))
+    return C_hb[-1], mean_rate, time - rest[1], moved
 
 
 def _level_in_motion(

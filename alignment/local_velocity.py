@@ -35,6 +35,17 @@ class LocalTrack:
         [m/s].
     source : str
         What it was made from.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import planar_track
+    >>> time = np.linspace(0.0, 10.0, 101)
+    >>> speed, rate = np.full(101, 8.0), np.full(101, np.pi / 20)  # a right angle to the right
+    >>> track = planar_track(time, speed, rate, start=0.0, end=10.0)
+    >>> track.vel_w[[0, -1]].round(6) + 0.0  # first forward, then to where the right was
+    array([[8., 0., 0.],
+           [0., 8., 0.]])
     """
 
     time: FloatArray
@@ -90,6 +101,17 @@ def planar_track(
     ------
     AlignmentError
         If the odometer does not cover the window.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import planar_track
+    >>> time = np.linspace(0.0, 10.0, 101)
+    >>> speed, rate = np.full(101, 8.0), np.full(101, np.pi / 20)  # a right angle to the right
+    >>> track = planar_track(time, speed, rate, start=0.0, end=10.0)
+    >>> track.vel_w[[0, -1]].round(6) + 0.0  # first forward, then to where the right was
+    array([[8., 0., 0.],
+           [0., 8., 0.]])
     """
     time, speed, rate = (np.asarray(a, dtype=float) for a in (time, speed, yaw_rate))
     node = _nodes(time, start, end, "odometer")
@@ -125,6 +147,18 @@ def inertial_track(
         Mounting, ``C_bv @ x_v == x_b``.
     gyro_bias : array_like, shape (3,)
         Taken off the gyros [rad/s]. The Earth's rate is not: 0.06° over 15 s.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import inertial_track
+    >>> from certnav.filters import InertialStream
+    >>> time = np.linspace(0.01, 10.0, 1000)
+    >>> gyro_b = np.tile([0.0, 0.0, np.pi / 20], (1000, 1))  # 9°/s to the right
+    >>> stream = InertialStream(time, gyro_b, np.tile([0.0, 0.0, -9.8], (1000, 1)))
+    >>> track = inertial_track(stream, time, np.full(1000, 8.0), 0.5, 9.5, np.eye(3))
+    >>> print(np.degrees(np.arctan2(track.vel_w[-1, 1], track.vel_w[-1, 0])).round(1))
+    81.0
     """
     time, speed = np.asarray(time, dtype=float), np.asarray(speed, dtype=float)
     _nodes(time, start, end, "odometer")

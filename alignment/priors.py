@@ -34,6 +34,18 @@ class Prior:
         ``rows @ x`` is the normalised residual, x = [vec(C_ew); 1].
     dof : int
         Angles it determines; what it adds to the degrees of freedom.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import Prior
+    >>> from certnav.filters import C_en_of, lla_to_ecef, matrix_from_rpy
+    >>> C_en = C_en_of(lla_to_ecef(0.5, 2.0, 30.0))
+    >>> C_ew = C_en @ matrix_from_rpy([0.0, 0.0, 1.2])  # level, heading 1.2 rad
+    >>> x = np.append(C_ew.ravel(order="F"), 1.0)
+    >>> prior = Prior("nothing known", np.zeros((1, 10)), dof=0)
+    >>> prior.rows @ x
+    array([0.])
     """
 
     name: str
@@ -55,6 +67,18 @@ def up_prior(up_w: ArrayLike, C_en: ArrayLike, sigma: float) -> Prior:
         NED axes to ECEF at the place.
     sigma : float
         1σ per axis of the direction [rad].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import up_prior
+    >>> from certnav.filters import C_en_of, lla_to_ecef, matrix_from_rpy
+    >>> C_en = C_en_of(lla_to_ecef(0.5, 2.0, 30.0))
+    >>> C_ew = C_en @ matrix_from_rpy([0.0, 0.0, 1.2])  # level, heading 1.2 rad
+    >>> x = np.append(C_ew.ravel(order="F"), 1.0)
+    >>> prior = up_prior([0.0, 0.0, -9.8], C_en, sigma=0.03)  # specific force at rest
+    >>> np.abs(prior.rows @ x).round(6), prior.dof  # normalised residuals
+    (array([0., 0., 0.]), 2)
     """
     up_w, up_e = _direction("up_w", up_w), -np.asarray(C_en, dtype=float)[:, 2]
     _check_sigma("up prior", sigma)
@@ -75,6 +99,18 @@ def heading_prior(direction_w: ArrayLike, heading: float, C_en: ArrayLike, sigma
         NED axes to ECEF at the place.
     sigma : float
         1σ [rad].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import heading_prior
+    >>> from certnav.filters import C_en_of, lla_to_ecef, matrix_from_rpy
+    >>> C_en = C_en_of(lla_to_ecef(0.5, 2.0, 30.0))
+    >>> C_ew = C_en @ matrix_from_rpy([0.0, 0.0, 1.2])  # level, heading 1.2 rad
+    >>> x = np.append(C_ew.ravel(order="F"), 1.0)
+    >>> prior = heading_prior([1.0, 0.0, 0.0], 1.2, C_en, sigma=0.02)
+    >>> np.abs(prior.rows @ x).round(9), prior.dof  # normalised residual
+    (array([0., 0.]), 1)
     """
     direction_w, C_en = _direction("direction_w", direction_w), np.asarray(C_en, dtype=float)
     _check_sigma("heading prior", sigma)
@@ -86,7 +122,21 @@ def heading_prior(direction_w: ArrayLike, heading: float, C_en: ArrayLike, sigma
 
 
 def with_priors(problem: AlignmentProblem, priors: Iterable[Prior]) -> AlignmentProblem:
-    """Return the problem with the priors' rows added."""
+    """Return the problem with the priors' rows added.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import build_problem, up_prior, with_priors
+    >>> from certnav.alignment.reference import simulate_window
+    >>> rng = np.random.default_rng(7)
+    >>> window = simulate_window(rng, 4, "3d", epochs=20, speed=10.0, sigma=0.05)
+    >>> problem = build_problem(window.rows)
+    >>> up_w = -window.C_ew.T[:, 2]  # the z axis of ECEF: any will do
+    >>> more = with_priors(problem, [up_prior(up_w, np.eye(3), sigma=0.03)])
+    >>> more.dof - problem.dof
+    2
+    """
     priors = tuple(priors)
     if not priors:
         return problem

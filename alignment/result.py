@@ -57,6 +57,17 @@ class Verdict:
         What was found and what it was compared with.
     message : str
         One line; says what is missing where it did not pass.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import Ask, align
+    >>> from certnav.alignment.reference import simulate_window
+    >>> rng = np.random.default_rng(7)
+    >>> window = simulate_window(rng, 4, "3d", epochs=20, speed=10.0, sigma=0.05)
+    >>> verdict = align(window.rows).verdict(Ask.CONSISTENT)
+    >>> verdict.passed, verdict.value < verdict.limit
+    (True, True)
     """
 
     name: Ask
@@ -96,6 +107,17 @@ class AlignmentResult:
         What was minimised.
     inliers : ndarray of bool, shape (k,), or None
         The rows it rests on, where these were searched for.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import Ask, align
+    >>> from certnav.alignment.reference import simulate_window
+    >>> rng = np.random.default_rng(7)
+    >>> window = simulate_window(rng, 4, "3d", epochs=20, speed=10.0, sigma=0.05)
+    >>> result = align(window.rows)
+    >>> [v.name.name for v in result.verdicts if not v.passed], result.verdict(Ask.OPTIMAL).passed
+    ([], True)
     """
 
     C_ew: FloatArray

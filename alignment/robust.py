@@ -59,6 +59,12 @@ class RobustOptions:
         The share of rows that may be rejected where nuisances admit no proof.
     max_cells : int
         Where branch and bound gives up.
+
+    Examples
+    --------
+    >>> from certnav.alignment import RobustOptions
+    >>> RobustOptions().cutoff, RobustOptions(cutoff=5.0).cutoff  # [σ]
+    (3.5, 5.0)
     """
 
     cutoff: float = 3.5
@@ -104,6 +110,19 @@ class RobustAlignment:
         nuisances admit no proof.
     opposition : ConsensusProof or None
         That none unites the rows rejected; None where they are few.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import align_robust
+    >>> from certnav.alignment.reference import simulate_window
+    >>> rng = np.random.default_rng(7)
+    >>> window = simulate_window(rng, 4, "3d", epochs=20, speed=10.0, sigma=0.05)
+    >>> rows = window.rows
+    >>> rows.z[:8] += 20.0  # two epochs of reflections
+    >>> found = align_robust(rows)
+    >>> found.result.passed, int((~found.inliers).sum())
+    (True, 8)
     """
 
     result: AlignmentResult
@@ -161,6 +180,19 @@ def align_robust(
     ------
     AlignmentError
         If too few rows agree on anything.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import align_robust
+    >>> from certnav.alignment.reference import simulate_window
+    >>> rng = np.random.default_rng(7)
+    >>> window = simulate_window(rng, 4, "3d", epochs=20, speed=10.0, sigma=0.05)
+    >>> rows = window.rows
+    >>> rows.z[:8] += 20.0  # two epochs of reflections
+    >>> found = align_robust(rows)
+    >>> found.result.passed, int((~found.inliers).sum())
+    (True, 8)
     """
     clock, options, priors = clock or ClockModel(), options or RobustOptions(), tuple(priors)
     original, rows = rows, rows.correlated(correlated)

@@ -46,11 +46,26 @@ class HeadingOffset(NamedTuple):
         1σ [rad].
     weight : ndarray, shape (n,)
         0 … 1: 1 for velocities that the others bear out.
+    scale, sigma_scale : float
+        How many times as large the velocities' changes are as what was felt, and 1σ of it.
     """
 
     offset: float
     sigma: float
     weight: FloatArray
+    scale: float = 1.0
+    sigma_scale: float = 0.0
+
+    @property
+    def tells(self) -> bool:
+        """Whether what was felt and what was seen are of like size, and known to be."""
+        return bool(_SCALE[0] < self.scale < _SCALE[1] and self.sigma_scale <= _SCALE_SIGMA)
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether they are not of like size, by more than chance: some velocities are wrong."""
+        beyond = max(self.scale - _SCALE[1], _SCALE[0] - self.scale)
+        return bool(beyond > 3.0 * self.sigma_scale)
 
 
 def heading_offset(
@@ -60,7 +75,7 @@ def heading_offset(
     felt_n: FloatArray,
     C_nb: FloatArray,
 ) -> HeadingOffset | None:
-    """Return by how much a heading is off, or None where the velocities cannot tell.
+    """Return by how much a heading is off, and whether the velocities can tell.
 
     Parameters
     ----------
@@ -79,6 +94,7 @@ def heading_offset(
     Returns
     -------
     HeadingOffset or None
+        None for fewer than ten velocities.
     """
     count = time.size
     if count < 10:
@@ -102,10 +118,10 @@ def heading_offset(
     cosine, sine = x[:2]
     scale = float(np.hypot(cosine, sine))
     along, across = x[:2] / scale, np.array([-sine, cosine]) / scale
-    if not _SCALE[0] < scale < _SCALE[1] or along @ cov[:2, :2] @ along > _SCALE_SIGMA**2:
-        return None
-    sigma_offset = float(np.sqrt(across @ cov[:2, :2] @ across)) / scale
-    return HeadingOffset(float(np.arctan2(sine, cosine)), sigma_offset, weight)
+    sigma_offset, sigma_scale = (float(np.sqrt(a @ cov[:2, :2] @ a)) for a in (across, along))
+    return HeadingOffset(
+        float(np.arctan2(sine, cosine)), sigma_offset / scale, weight, scale, sigma_scale
+    )
 
 
 def _equations(

@@ -49,6 +49,16 @@ class VerdictLimits:
         Probability with which a window that agrees with its weights passes the χ² test.
     redundancy : int
         Least degrees of freedom for that test to mean something.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import VerdictLimits, align
+    >>> from certnav.alignment.reference import simulate_window
+    >>> rng = np.random.default_rng(7)
+    >>> window = simulate_window(rng, 4, "3d", epochs=20, speed=10.0, sigma=0.05)
+    >>> align(window.rows, limits=VerdictLimits(bound=np.radians(0.1))).passed
+    False
     """
 
     bound: float = float(np.radians(10.0))
@@ -128,6 +138,16 @@ def judge(
         Its rows weighted with their σ.
     limits, vel_sigma, backend
         As for `align`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import build_problem, judge
+    >>> from certnav.alignment.reference import simulate_window
+    >>> rng = np.random.default_rng(7)
+    >>> window = simulate_window(rng, 4, "3d", epochs=20, speed=10.0, sigma=0.05)
+    >>> judge(build_problem(window.rows)).passed  # what align does with plain rows
+    True
     """
     limits = limits or VerdictLimits()
     Q = problem.Q

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from ..filters.errors import ConfigError, DataError
 from .fix_faults import screened
 from .imu_faults import polled
 from .sequence import Sequence
+from .text.rinex_packing import plain_rinex
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,19 @@ def recognise(path: str | Path) -> str:
     ------
     DataError
         A missing path, a folder nothing recognises, or one that two formats claim.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from certnav.datasets import recognise
+    >>> Path("drive").mkdir()
+    >>> _ = [Path("drive", name).write_text("time") for name in ("imu.csv", "gnss.csv")]
+    >>> recognise("drive")
+    'oakville'
+    >>> recognise("nowhere")
+    Traceback (most recent call last):
+        ...
+    certnav.filters.errors.DataError: nowhere: no such file or folder — check the path
     """
     folder = Path(path)
     if not folder.exists():
@@ -115,7 +129,12 @@ def recognise(path: str | Path) -> str:
     if not folder.is_dir():
         if FORMATS["receiver"].detect(folder):
             return "receiver"
-        raise DataError("expected a folder, found a file", file=folder, remedy="name its folder")
+        raise DataError(
+            "neither RINEX observations nor a receiver's log (UBX, SBF, RTCM 3, NovAtel OEM)",
+            file=folder,
+            remedy="name the folder of a recording; fixes (NMEA, CSV) go beside an IMU's file: "
+            "certnav run FILE --imu IMU.csv",
+        )
     known = formats()
     found = [name for name, kind in known.items() if kind.detect(folder)]
     if "declared" in found:
@@ -160,23 +179,47 @@ def _which_of(inside: list[tuple[str, str]]) -> str:
     return text
 
 
-def _with_precise(sequence: Sequence, products: Any) -> Sequence:
-    """Return a recording with satellite states of precise products."""
+def with_precise(sequence: Sequence, products: Iterable[str | Path]) -> Sequence:
+    """Return a recording with satellite states of precise products, and positions by them.
+
+    Parameters
+    ----------
+    sequence : Sequence
+    products : iterable of path
+        SP3 orbits, RINEX clocks, ANTEX; packed or not (`datasets.rtklib.precise`).
+
+    Raises
+    ------
+    DataError
+        No observations, or products that are damaged, of another time, or none.
+    """
     from .rtklib import precise_observations
 
-    if isinstance(products, str | Path):
-        products = (products,)
-    if not (
-        isinstance(products, list | tuple) and all(isinstance(p, str | Path) for p in products)
-    ):
-        raise ConfigError(f"data.precise: expected names of files, found {products!r}")
     if sequence.observations is None:
         raise DataError(
             f"{sequence.name}: no satellite observations for the precise ephemerides",
-            remedy="leave data.precise out",
+            remedy="leave them out",
         )
-    observations, note = precise_observations(sequence.observations, products)
-    return dataclasses.replace(sequence, observations=observations, notes=(*sequence.notes, note))
+    files = [plain_rinex(file) for file in products]
+    observations, note = precise_observations(sequence.observations, files)
+    navigation = tuple(dict.fromkeys((*sequence.navigation, *files)))
+    return dataclasses.replace(
+        sequence,
+        observations=observations,
+        navigation=navigation if sequence.navigation else (),
+        notes=(*sequence.notes, note),
+    )
+
+
+def _products(sequence: Sequence, named: Any) -> list[str | Path]:
+    """Return the precise products named, and those among a recording's navigation files."""
+    from .text.orbit_products import is_product
+
+    if isinstance(named, str | Path):
+        named = (named,)
+    if not (isinstance(named, list | tuple) and all(isinstance(p, str | Path) for p in named)):
+        raise ConfigError(f"data.precise: expected names of files, found {named!r}")
+    return [*(file for file in sequence.navigation if is_product(file)), *named]
 
 
 def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequence:
@@ -192,7 +235,8 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
         `read_oakville`, `read_rtklibexplorer`, `read_tumsat`,
         `datasets.formats.instinct.read_spirent`. A declaration takes none: everything is in the
         file. Every reader of satellite observations takes ``precise``: files of precise
-        ephemerides, SP3 orbits and RINEX clocks (`datasets.rtklib.precise`).
+        ephemerides, SP3 orbits, RINEX clocks, ANTEX (`datasets.rtklib.precise`). They may as well
+        be among its navigation files.
 
     Raises
     ------
@@ -200,13 +244,22 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
         What cannot be recognised or read.
     ConfigError
         An unknown format or option, with the nearest known one.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, load
+    >>> from certnav.datasets.great.writer import simulate_folder
+    >>> folder = simulate_folder(SimulationConfig("city", duration=20.0, density="open"), "city")
+    >>> sequence = load(folder)
+    >>> sequence.name, len(sequence.imu)
+    ('city', 2001)
     """
     known = formats()
     if format is not None and format not in known:
         raise ConfigError.unknown_key(format, known, where="format")
     name = recognise(path) if format is None else format
     reader = known[name]
-    products = options.pop("precise", ())
+    precise = options.pop("precise", ())
     for key in options:
         if key not in reader.options:
             taken = (*reader.options, "precise")
@@ -215,8 +268,8 @@ def load(path: str | Path, *, format: str | None = None, **options: Any) -> Sequ
     if sequence.fixes is not None:
         sequence = dataclasses.replace(sequence, fixes=screened(sequence.fixes))
     sequence = _with_polled_noise(sequence)
-    if products:
-        sequence = _with_precise(sequence, products)
+    if products := _products(sequence, precise):
+        sequence = with_precise(sequence, products)
     how = "as told" if format is not None else f"recognised by {reader.looks_like}"
     return dataclasses.replace(sequence, notes=(f"read as {name}, {how}", *sequence.notes))
 

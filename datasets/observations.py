@@ -55,6 +55,16 @@ class GnssObservations:
         the pipeline uses it; it is there to judge by.
     noise_factor : array_like, shape (n,), optional
         1σ of the range rate over what C/N0 alone says: 1, or as fits the row's constellation.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, simulate
+    >>> drive = simulate(SimulationConfig(duration=10.0, density="open", seed=1))
+    >>> drive.observations
+    GnssObservations(99 rows, 99 usable, 11 epochs, 1 Hz, 10.0 s, systems G, signals 1C)
+    >>> time, rows = next(drive.observations.epochs())
+    >>> int((drive.observations.rejected[rows] == "").sum())  # usable in the first epoch
+    9
     """
 
     time: FloatArray
@@ -170,6 +180,17 @@ class GnssFixes:
         'fixed', 'float', 'dgps', 'single', 'receiver' …
     rejected : array_like of str, shape (n,), optional
         Why the row is not used (`datasets.fix_faults`); '' when it is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.datasets import GnssFixes
+    >>> from certnav.filters import lla_to_ecef
+    >>> pos_e = np.tile(lla_to_ecef(0.5, 2.0, 30.0), (3, 1))
+    >>> cov = np.tile(4.0 * np.eye(3), (3, 1, 1))
+    >>> none = np.full((3, 3), np.nan), np.full((3, 3, 3), np.nan)  # no velocities
+    >>> GnssFixes(np.arange(3.0), pos_e, cov, *none, np.full(3, 7), np.full(3, "single"))
+    GnssFixes(3 epochs, 1 Hz, 2.0 s, 0 with velocity; single 3)
     """
 
     time: FloatArray

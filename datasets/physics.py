@@ -272,10 +272,12 @@ def decide_gyro_unit(ratio: TurnRatio, *, file: str | Path) -> tuple[str, str]:
             )
             remedy = "declare the axes (z up or down) the file really holds"
             return unit, refuse(DataError(problem, file=file, remedy=remedy), "course")
+    short = ratio.turned < MIN_TURNED
     raise DataError(
         "gyro unit cannot be told: integral / course change is "
         f"{ratio.ratio:.3g} ± {ratio.sigma:.2g} over {np.degrees(ratio.turned):.0f}° of turning, "
-        "expected 1 (rad/s) or 57.3 (deg/s) within 10 %",
+        "expected 1 (rad/s) or 57.3 (deg/s) within 10 %"
+        + (f" over {np.degrees(MIN_TURNED):.0f}° at least" if short else ""),
         file=file,
         remedy="declare gyro_unit='deg/s' or 'rad/s'",
     )

@@ -52,6 +52,15 @@ class Calibration:
     delay_sigma : float
         How well the time stamps of GNSS and IMU are known against each other, 1σ [s]; 0: exactly,
         else a run estimates by how much GNSS is later than stamped.
+
+    Examples
+    --------
+    >>> from certnav.datasets import Calibration
+    >>> from certnav.filters import imu_preset
+    >>> imu = imu_preset("adis16470")
+    >>> calibration = Calibration(imu, [-0.65, -0.05, -0.15], "tape measure", 0.02)
+    >>> calibration.C_bv.diagonal(), calibration.mounting_source  # not known: where estimates begin
+    (array([1., 1., 1.]), '')
     """
 
     imu: ImuSpec
@@ -118,6 +127,15 @@ class Sequence:
         What the reader converted, assumed on whose word, or left out; printed in the report.
     logs : tuple of str
         What was found in receivers' own logs, a line each.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, simulate
+    >>> sequence = simulate(SimulationConfig(duration=10.0, density="open")).sequence()
+    >>> sequence.imu
+    ImuData(1001 samples, 100 Hz, 10.0 s)
+    >>> round(sequence.span[1] - sequence.span[0]), sequence.time_scale  # [s]
+    (10, 'gps')
     """
 
     name: str

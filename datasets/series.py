@@ -30,6 +30,18 @@ class ImuData:
     Notes
     -----
     A sensor that samples instantaneously is turned into means by its reader.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.datasets import ImuData
+    >>> time, still = 0.01 * np.arange(1, 101), np.zeros((100, 3))
+    >>> ImuData(time, still, still + [0.0, 0.0, -9.8])  # level, at rest
+    ImuData(100 samples, 100 Hz, 1.0 s)
+    >>> ImuData(time, still, [0.0, 0.0, -9.8])
+    Traceback (most recent call last):
+        ...
+    certnav.filters.errors.DataError: imu.accel_b: expected shape (100, 3), found (3,)
     """
 
     time: FloatArray
@@ -85,6 +97,14 @@ class Odometer:
         Signed forward speed [m/s].
     yaw_rate : array_like, shape (n,), optional
         About the vehicle's down axis [rad/s].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.datasets import Odometer
+    >>> odometer = Odometer(0.1 * np.arange(100), np.full(100, 8.3))
+    >>> odometer
+    Odometer(100 samples, 10 Hz, 9.9 s)
     """
 
     time: FloatArray
@@ -126,6 +146,17 @@ class Reference:
         Whether `rpy` is the attitude of the IMU's body axes or of the vehicle's.
     source : str
         What made it; says so if it is not independent of the GNSS that is navigated with.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.datasets import Reference
+    >>> from certnav.filters import lla_to_ecef
+    >>> time, pos_e = np.arange(3.0), np.tile(lla_to_ecef(0.5, 2.0, 30.0), (3, 1))
+    >>> unknown = np.full((3, 3), np.nan)
+    >>> reference = Reference(time, pos_e, unknown, unknown, np.zeros(3), "imu", "surveyed point")
+    >>> reference
+    Reference(3 epochs, 1 Hz, 2.0 s, position of the imu, no attitude: surveyed point)
     """
 
     time: FloatArray

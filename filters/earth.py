@@ -42,12 +42,30 @@ def lla_to_ecef(lat: ArrayLike, lon: ArrayLike, height: ArrayLike) -> FloatArray
         Geodetic latitude and longitude [rad].
     height : array_like
         Height above the WGS 84 ellipsoid [m].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import lla_to_ecef
+    >>> lla_to_ecef(0.0, 0.0, 0.0)  # semi-major axis of WGS 84
+    array([6378137.,       0.,       0.])
+    >>> lla_to_ecef(np.pi / 2, 0.0, 100.0).round(3) + 0.0  # 100 m above the pole
+    array([      0.   ,       0.   , 6356852.314])
     """
     return np.stack(pymap3d.geodetic2ecef(lat, lon, height, deg=False), axis=-1)
 
 
 def ecef_to_lla(pos_e: ArrayLike) -> FloatArray:
-    """Return latitude [rad], longitude [rad] and ellipsoidal height [m], shape (..., 3)."""
+    """Return latitude [rad], longitude [rad] and ellipsoidal height [m], shape (..., 3).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import ecef_to_lla, lla_to_ecef
+    >>> lla = ecef_to_lla(lla_to_ecef(np.radians(30.53), np.radians(114.36), 30.0))
+    >>> print(np.degrees(lla[:2]).round(6), lla[2].round(4))
+    [ 30.53 114.36] 30.0
+    """
     p = np.asarray(pos_e, dtype=float)
     lla = pymap3d.ecef2geodetic(p[..., 0], p[..., 1], p[..., 2], deg=False)
     # pymap3d returns some outputs of a one-element array as scalars.
@@ -64,7 +82,18 @@ def C_en_at(lat: ArrayLike, lon: ArrayLike) -> FloatArray:
 
 
 def C_en_of(pos_e: ArrayLike) -> FloatArray:
-    """Return C_en (NED → ECEF) at an ECEF position [m], shape (..., 3, 3)."""
+    """Return C_en (NED → ECEF) at an ECEF position [m], shape (..., 3, 3).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import C_en_of, lla_to_ecef
+    >>> C_en = C_en_of(lla_to_ecef(0.0, 0.0, 0.0))
+    >>> print(C_en.round(3) + 0.0)  # columns north, east, down: on the equator north is z
+    [[ 0.  0. -1.]
+     [ 0.  1.  0.]
+     [ 1.  0.  0.]]
+    """
     lla = ecef_to_lla(pos_e)
     return C_en_at(lla[..., 0], lla[..., 1])
 
@@ -83,7 +112,18 @@ def gravitation_e(pos_e: ArrayLike) -> FloatArray:
 
 
 def gravity_e(pos_e: ArrayLike) -> FloatArray:
-    """Return gravity (gravitation plus centrifugal acceleration) in ECEF [m/s²], shape (..., 3)."""
+    """Return gravity (gravitation plus centrifugal acceleration) in ECEF [m/s²], shape (..., 3).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import C_en_of, gravity_e, lla_to_ecef
+    >>> pos_e = lla_to_ecef(np.radians([0.0, 45.0, 90.0]), 0.0, 0.0)
+    >>> np.linalg.norm(gravity_e(pos_e), axis=-1).round(4)  # equator, 45°, pole
+    array([9.7803, 9.8062, 9.8321])
+    >>> (C_en_of(pos_e[1]).T @ gravity_e(pos_e[1])).round(4) + 0.0  # north, east, down
+    array([0.    , 0.    , 9.8062])
+    """
     p = np.asarray(pos_e, dtype=float)
     centrifugal = EARTH_RATE**2 * p * np.array([1.0, 1.0, 0.0])
     return gravitation_e(p) + centrifugal

@@ -42,6 +42,16 @@ class Outcome:
         Normalised innovation squared, zᵀS⁻¹z.
     limit : float
         The gate that `nis` was held against.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import Outcome
+    >>> z, S = np.array([2.0, 0.0, 0.0]), 4.0 * np.eye(3)
+    >>> whitened = np.linalg.solve(np.linalg.cholesky(S), z)
+    >>> outcome = Outcome(True, whitened, float(whitened @ whitened), limit=16.3)
+    >>> outcome.nis  # one σ off in one of three axes
+    1.0
     """
 
     accepted: bool
@@ -95,6 +105,26 @@ class ErrorStateFilter:
         Measurement updates by filterpy; default: only where nothing is compiled.
     accel_bias : array_like, shape (3,)
         Initial estimate, body axes [m/s²].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import C_en_of, ErrorModel, ErrorStateFilter, InertialStream, NavState
+    >>> from certnav.filters import gravity_e, imu_preset, lla_to_ecef
+    >>> from certnav.filters.measurements import position
+    >>> pos_e, still = lla_to_ecef(0.5, 2.0, 30.0), np.ones((1001, 1))
+    >>> C_eb = C_en_of(pos_e)  # level, heading north, ten seconds at rest
+    >>> gyro_b, accel_b = C_eb.T @ [0.0, 0.0, 7.292115e-5], -C_eb.T @ gravity_e(pos_e)
+    >>> stream = InertialStream(0.01 * np.arange(1001), still * gyro_b, still * accel_b)
+    >>> model = ErrorModel(imu_preset("adis16470"))
+    >>> P = model.initial_covariance(25.0 * np.eye(3), 0.01 * np.eye(3), 1e-4 * np.eye(3))
+    >>> start = NavState(0.0, pos_e + [3.0, 0.0, 0.0], np.zeros(3), C_eb)  # 3 m wrong
+    >>> ekf = ErrorStateFilter(model, stream, start, P)
+    >>> ekf.propagate(5.0)
+    >>> ekf.update(position(ekf.state, model.size, pos_e, np.eye(3), np.zeros(3))).accepted
+    True
+    >>> print(f"{np.linalg.norm(ekf.pos_e - pos_e):.1f} m")
+    0.1 m
     """
 
     def __init__(
@@ -197,9 +227,9 @@ class ErrorStateFilter:
         # Every output epoch is a node of the smoother, so the intervals end there too.
         last = self.stream.edges[np.searchsorted(self.stream.edges, until + 1e-9) - 1]
         while self._cursor[1] <= last + 1e-9:
-            at = int(np.searchsorted(self.stream.edges, self._cursor[1] - 1e-9))
-            if self.stream.edges[at] <= self.time + 1e-9:
-                at += 1
+            # Where every sample is recorded, that is the next one, whatever the cursor says.
+            due = max(self._cursor[1] - 1e-9, self.time + 1e-9)
+            at = int(np.searchsorted(self.stream.edges, due))
             if at >= self.stream.edges.size or self.stream.edges[at] > until + 1e-9:
                 break
             rows = int(self._cursor[0])

@@ -71,6 +71,14 @@ class ErrorModel:
         What is known of mounting and wheel point before; exactly: no such states.
     gnss_antenna : AntennaPrior
         What is known of the antenna's place and of time stamps; exactly: no such states.
+
+    Examples
+    --------
+    >>> from certnav.filters import ErrorModel, imu_preset
+    >>> ErrorModel(imu_preset("adis16470")).size
+    15
+    >>> ErrorModel(imu_preset("adis16470"), states=21, clock_walk=0.1).size  # scale factors, clock
+    22
     """
 
     imu: ImuSpec

@@ -61,6 +61,18 @@ class Measurement:
         Covariance of the measurement noise.
     biases : Biases, optional
         What may be wrong with it; the update does not look at it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import C_en_of, Measurement, NavState, lla_to_ecef
+    >>> from certnav.filters.measurements import position
+    >>> pos_e = lla_to_ecef(0.5, 2.0, 30.0)
+    >>> state = NavState(0.0, pos_e, np.zeros(3), C_en_of(pos_e))
+    >>> m = position(state, 15, pos_e + [1.0, 0.0, 0.0], 4.0 * np.eye(3), lever_b=[0.0, 0.0, 0.0])
+    >>> m.z.round(6), m.H.shape
+    (array([1., 0., 0.]), (3, 15))
+    >>> by_hand = Measurement(np.array([0.1]), np.eye(1, 15), np.array([[0.01]]))
     """
 
     z: FloatArray

@@ -59,6 +59,14 @@ def matrix_from_rpy(rpy: ArrayLike) -> FloatArray:
     -------
     ndarray, shape (..., 3, 3)
         ``C_nb @ x_b == x_n`` with n = NED and b = forward-right-down.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import matrix_from_rpy
+    >>> C_nb = matrix_from_rpy([0.0, 0.0, np.pi / 2])  # level, heading east
+    >>> (C_nb @ [1.0, 0.0, 0.0]).round(12) + 0.0  # forward is east
+    array([0., 1., 0.])
     """
     angles = np.asarray(rpy, dtype=float)
     sr, sp, sy = np.moveaxis(np.sin(angles), -1, 0)
@@ -76,6 +84,14 @@ def rpy_from_matrix(C_nb: ArrayLike) -> FloatArray:
 
     At |pitch| = 90° roll and heading are not separable; heading is then reported with
     whatever roll the arctangent gives, and their composition still equals `C_nb`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import matrix_from_rpy, rpy_from_matrix
+    >>> rpy = np.radians([2.0, -5.0, 170.0])
+    >>> np.degrees(rpy_from_matrix(matrix_from_rpy(rpy))).round(9)
+    array([  2.,  -5., 170.])
     """
     C = np.asarray(C_nb, dtype=float)
     roll = np.arctan2(C[..., 2, 1], C[..., 2, 2])

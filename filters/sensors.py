@@ -39,6 +39,13 @@ class ImuSpec:
         ``inf`` makes it a random walk that reaches the instability after one hour.
     gyro_scale_ppm, accel_scale_ppm : float
         σ of the scale factors [ppm]; used when the filter estimates them (21 states).
+
+    Examples
+    --------
+    >>> from certnav.filters import ImuSpec
+    >>> imu = ImuSpec("mine", "data sheet", 0.3, 10.0, 720.0, 0.1, 0.1, 10.0)
+    >>> imu.gyro_bias_turn_on_degph, imu.accel_vrw_mps_sqrth, imu.bias_correlation_time_s
+    (720.0, 0.1, 3600.0)
     """
 
     name: str
@@ -157,7 +164,18 @@ PRESETS: dict[str, ImuSpec] = {
 
 
 def imu_preset(name: str) -> ImuSpec:
-    """Return the preset `name`; an unknown name is a `ConfigError` with the nearest one."""
+    """Return the preset `name`; an unknown name is a `ConfigError` with the nearest one.
+
+    Examples
+    --------
+    >>> from certnav.filters import imu_preset
+    >>> imu_preset("adis16470").gyro_arw_deg_sqrth
+    0.34
+    >>> imu_preset("adis")
+    Traceback (most recent call last):
+        ...
+    certnav.filters.errors.ConfigError: IMU preset: unknown key 'adis' — did you mean 'adis16470'?
+    """
     if name not in PRESETS:
         raise ConfigError.unknown_key(name, PRESETS, where="IMU preset")
     return PRESETS[name]

@@ -29,6 +29,14 @@ class NavState:
         ECEF [m], [m/s].
     C_eb : array_like, shape (3, 3)
         ``C_eb @ x_b == x_e``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import NavState, lla_to_ecef
+    >>> state = NavState(0.0, lla_to_ecef(0.0, 0.0, 0.0), [0.0, 0.0, 10.0], np.eye(3))
+    >>> state.vel_e  # on the equator and the prime meridian: northwards
+    array([ 0.,  0., 10.])
     """
 
     time: float
@@ -57,6 +65,15 @@ class InertialStream:
     Notes
     -----
     The first sample's interval is taken as long as the median one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import InertialStream
+    >>> time = 0.01 * np.arange(1, 1001)
+    >>> still = InertialStream(time, np.zeros((1000, 3)), np.tile([0.0, 0.0, -9.8], (1000, 1)))
+    >>> len(still), round(still.start, 9), still.end  # the first interval begins before its stamp
+    (1000, 0.0, 10.0)
     """
 
     def __init__(self, time: ArrayLike, gyro_b: ArrayLike, accel_b: ArrayLike) -> None:
@@ -161,6 +178,19 @@ def integrate(stream: InertialStream, start: NavState, until: float | None = Non
     -------
     ndarray, shape (m, 16)
         One row per IMU sample: time, pos_e, vel_e, C_eb row by row.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import C_en_of, gravity_e, integrate, lla_to_ecef
+    >>> from certnav.filters import InertialStream, NavState
+    >>> pos_e, still = lla_to_ecef(0.5, 2.0, 30.0), np.ones((1001, 1))
+    >>> C_eb = C_en_of(pos_e)  # level, heading north, at rest on a turning Earth
+    >>> gyro_b, accel_b = C_eb.T @ [0.0, 0.0, 7.292115e-5], -C_eb.T @ gravity_e(pos_e)
+    >>> stream = InertialStream(0.01 * np.arange(1001), still * gyro_b, still * accel_b)
+    >>> rows = integrate(stream, NavState(0.0, pos_e, np.zeros(3), C_eb))
+    >>> rows.shape, bool(np.linalg.norm(rows[-1, 1:4] - pos_e) < 1e-4)  # [m], after ten seconds
+    ((1000, 16), True)
     """
     until = stream.end if until is None else until
     if not stream.start <= start.time <= until <= stream.end:

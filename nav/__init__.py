@@ -8,8 +8,8 @@
     pipeline, navigator         a whole recording; a live vehicle
     vehicles, rest              what kinds of vehicles can do; when a log stands
     rejections                  carried fixes that are not used, in words
-    sweep                       much at once: threads, processes, a cluster
 
+    sweep/                      much at once: threads, processes, a cluster; drives by their paths
     engine/                     events, the start, the filter loop and its decisions
     evaluation/                 errors against a reference, honesty of the covariance
     spells/                     spells of weak GNSS: when, what is left, the drift in them

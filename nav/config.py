@@ -329,8 +329,8 @@ class VehicleConfig:
     sigma_zupt_mps : float
         How well a standstill is one.
     odometer : {'auto', 'on', 'off'}
-        Forward speed with a scale factor as a state; 'auto': where there is an odometer and the
-        mounting is declared or estimated (`nhc`).
+        Forward speed with a scale factor as a state; how late it is against GNSS is measured first.
+        'auto': where there is an odometer and the mounting is declared or estimated (`nhc`).
     sigma_odometer_mps : float
         Noise of the odometer's speed.
     interval_s : float
@@ -373,6 +373,12 @@ class Config:
         See there.
     data : mapping
         Options of the reader, such as ``lever = "figure"``; the reader refuses unknown ones.
+
+    Examples
+    --------
+    >>> from certnav.nav import Config
+    >>> Config().gnss.min_cn0_dbhz, Config().filter.states
+    (35.0, 15)
     """
 
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)

@@ -73,7 +73,19 @@ def from_tables(tables: Mapping[str, Any]) -> Config:
 
 
 def load_config(file: str | Path | None = None, assignments: Iterable[str] = ()) -> Config:
-    """Return the configuration of a TOML file with ``section.key=value`` assignments on top."""
+    """Return the configuration of a TOML file with ``section.key=value`` assignments on top.
+
+    Examples
+    --------
+    >>> from certnav import load_config
+    >>> config = load_config(None, ["gnss.min_cn0_dbhz=38", "filter.states=21"])
+    >>> config.gnss.min_cn0_dbhz, config.filter.states
+    (38.0, 21)
+    >>> load_config(None, ["gnss.min_cnO=38"])
+    Traceback (most recent call last):
+        ...
+    certnav.filters.errors.ConfigError: gnss: unknown key 'min_cnO' — did you mean 'min_cn0_dbhz'?
+    """
     tables: dict[str, Any] = {}
     if file is not None:
         if not Path(file).exists():

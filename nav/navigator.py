@@ -61,6 +61,16 @@ class LiveState:
     cov_pos_n, cov_vel_n, cov_att_n : ndarray, shape (3, 3)
         Covariance of position [m²], velocity [m²/s²] and attitude [rad²], north-east-down, as of
         `nav.solution.Trajectory`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import C_en_of, lla_to_ecef
+    >>> from certnav.nav import LiveState
+    >>> pos_e, cov = lla_to_ecef(0.5, 2.0, 30.0), 0.01 * np.eye(3)
+    >>> state = LiveState(0.0, pos_e, np.zeros(3), C_en_of(pos_e), cov, cov, cov)
+    >>> np.sqrt(state.cov_pos_n.diagonal())  # 1σ north, east, down [m]
+    array([0.1, 0.1, 0.1])
     """
 
     time: float
@@ -147,6 +157,18 @@ class Navigator:
     ----------
     restarts : list of (float, str)
         GPS time at which the solution was lost and a start looked for again [s], and why.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, simulate
+    >>> from certnav.nav import Config, Navigator
+    >>> drive = simulate(SimulationConfig(duration=10.0, density="open"))
+    >>> navigator = Navigator(drive.calibration, Config(), imu_interval=0.01)
+    >>> for sample in zip(drive.imu.time, drive.imu.gyro_b, drive.imu.accel_b, strict=True):
+    ...     navigator.add_imu(*sample)
+    ...
+    >>> navigator.state is None, navigator.waiting  # no GNSS yet: add_gnss(GnssEvent(...))
+    (True, 'no data yet')
     """
 
     def __init__(

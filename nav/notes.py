@@ -24,6 +24,13 @@ class Note:
     severity : {'lost', 'doubtful', 'note'}
     text : str
         Without a full stop; figures with their units.
+
+    Examples
+    --------
+    >>> from certnav.nav import Note
+    >>> note = Note("doubtful", "gyro frozen for 8 s from SOW 180750.00")
+    >>> note.doubtful, str(note)
+    (True, 'doubtful: gyro frozen for 8 s from SOW 180750.00')
     """
 
     severity: str
@@ -91,6 +98,12 @@ def span_words(start: float, end: float) -> str:
 
 
 def times_in(text: str, near: float) -> list[float]:
-    """Return the GPS times that `clock` wrote into a text [s], in the week of `near`."""
+    """Return the GPS times that `clock` wrote into a text [s], in the week of `near`.
+
+    Where there is no date they look like durations: what follows 'from', 'to', 'at' or 'until'
+    with its two decimals is a time.
+    """
     week = int(near // SECONDS_PER_WEEK) * SECONDS_PER_WEEK
+    if week == 0:
+        return [float(t) for t in re.findall(r"\b(?:from|to|at|until) (-?\d+\.\d\d) s\b", text)]
     return [week + float(sow) for sow in re.findall(r"SOW (\d+(?:\.\d+)?)", text)]

@@ -30,7 +30,7 @@ from .engine.watch.doubts import doubts, outages
 from .notes import Note, clock, counted_from, plain
 from .signals import Signals, signal_log
 from .solution import FixErrors, Separation, Solution, Trajectory, Update
-from .sweep import in_order
+from .sweep.parallel import in_order
 
 Progress = Callable[[float, str], None]
 
@@ -71,6 +71,17 @@ def navigate(
     DataError
         If the sequence has no IMU data, or the solution diverged at once. Diverging later, it
         is cut there, and the notes say so.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, load
+    >>> from certnav.datasets.great.writer import simulate_folder
+    >>> from certnav.nav import Config, navigate
+    >>> folder = simulate_folder(SimulationConfig("city", duration=90.0, density="open"), "city")
+    >>> sequence = load(folder)
+    >>> solution = navigate(sequence, Config())
+    >>> solution.status, len(solution.trajectory) > 500
+    ('ok', True)
     """
     with counted_from(float(sequence.inertial.time[0])):
         ran = _run(sequence, config, progress or _silent, prepared, until)
@@ -114,6 +125,7 @@ class _Ran:
             *said,
             *plain(sequence.notes),
             *plain([str(installed), *installed.antenna.lines()]),
+            *course.vehicle.notes,
             *self.timeline.notes,
             *self.notes,
             *_imu_gaps(sequence),

@@ -38,6 +38,18 @@ class Trajectory:
         1σ of the biases.
     protection : ndarray, shape (n, 2), optional
         Horizontal and vertical protection level of the position [m], see `Protection`; NaN without.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import C_en_of, lla_to_ecef
+    >>> from certnav.nav import Trajectory
+    >>> pos_e, zero = np.tile(lla_to_ecef(0.5, 2.0, 30.0), (2, 1)), np.zeros((2, 3))
+    >>> cov = np.tile(0.01 * np.eye(3), (2, 1, 1))
+    >>> motion = np.arange(2.0), pos_e, zero, C_en_of(pos_e)
+    >>> trajectory = Trajectory(*motion, zero, zero, cov, cov, cov, zero, zero)
+    >>> len(trajectory)
+    2
     """
 
     time: FloatArray
@@ -87,6 +99,13 @@ class Update:
     accepted : bool
     reason : str
         Why not accepted; '' when accepted in the ordinary way.
+
+    Examples
+    --------
+    >>> from certnav.nav import Update
+    >>> update = Update(1331164800.0, "position", ("G01", "G05"), (0.3, -1.2, 0.5), 1.78, True)
+    >>> update.accepted, update.nis
+    (True, 1.78)
     """
 
     time: float
@@ -200,6 +219,22 @@ class Resolution:
     direction: str
     base_apart_m: float
 
+    @property
+    def shares(self) -> str:
+        """How many positions are what, in words."""
+        offered = self.fixed + self.floating + self.dgps + self.single
+        if not offered:
+            return "no positions"
+        said = f"{self.fixed} fixed ({100.0 * self.fixed / offered:.0f} %), {self.floating} float"
+        without = self.single - self.contradicted
+        for count, words in (
+            (self.dgps, "of code alone"),
+            (self.contradicted, "contradicted by their pseudoranges"),
+            (without, "without a relative position"),
+        ):
+            said += f", {count} {words}" if count else ""
+        return said + (f"; ratio {self.ratio_median:.1f}" if self.fixed else "")
+
 
 @dataclass(frozen=True)
 class Protection:
@@ -270,6 +305,17 @@ class Solution:
     where positions were taken as declared; `signals` is None where there were no observations,
     `resolution` where no position is relative to a base, `separation` where nothing was smoothed.
     `protection` says what the trajectory's protection levels stand for, None where there are none.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, load
+    >>> from certnav.datasets.great.writer import simulate_folder
+    >>> from certnav.nav import Config, navigate
+    >>> folder = simulate_folder(SimulationConfig("city", duration=90.0, density="open"), "city")
+    >>> sequence = load(folder)
+    >>> solution = navigate(sequence, Config())
+    >>> solution.alignment.status, sorted({u.kind for u in solution.updates})
+    ('aligned', ['nhc', 'position', 'velocity', 'zaru', 'zupt'])
     """
 
     name: str

@@ -32,7 +32,7 @@ from certnav.alignment.robust import align_robust
 from certnav.alignment.solver.refinement import rotation_angle
 from certnav.alignment.verdict import VerdictLimits
 from certnav.filters.errors import AlignmentError
-from certnav.nav.sweep import in_parallel
+from certnav.nav.sweep.parallel import in_parallel
 
 OUTLIERS = ("random", "moderate", "clustered", "satellite", "other attitude")
 COHERENT = ("facade", "turned", "shifted", "walking")

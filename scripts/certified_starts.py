@@ -46,6 +46,7 @@ LONGEST = 300.0
 #: What a message is about, by a word in it.
 REASONS = {
     "at rest": "at rest",
+    "in motion for": "too little motion yet",
     "no heading": "heading not known well enough yet",
     "heading ±": "heading not known well enough yet",
     "are needed": "too many rows rejected",

@@ -132,8 +132,10 @@ def nees(
         ),
     }
     error = (found.error_rpy_aligned if judged.turned else found.error_rpy)[late, 2]
-    out["heading"] = error**2 / found.sigma_rpy[late, 2] ** 2
-    return out, float(np.mean(np.sum(found.error_pos_n[late] ** 2, axis=1)))
+    sigma = np.hypot(found.sigma_rpy[late, 2], np.radians(judged.heading))
+    out["heading"] = error**2 / sigma**2
+    squares = np.sum(found.error_pos_n[late] ** 2, axis=1)
+    return out, float(np.mean(squares)) if squares.size else np.nan
 
 
 def _squares(error: FloatArray, cov: FloatArray) -> FloatArray:
@@ -182,7 +184,12 @@ def measured(name: str, seeds: range) -> Row:
                 except NavError as error:
                     print(f"{name}, {sequence.name}, left out: {error}", file=sys.stderr)
                     break
-                runs[what].append(figures(*nees(solution, sequence, judged)))
+                values, square = nees(solution, sequence, judged)
+                if np.isnan(square):
+                    text = f"navigated for less than {SETTLED:.0f} s"
+                    print(f"{name}, {sequence.name}, left out: {text}", file=sys.stderr)
+                    break
+                runs[what].append(figures(values, square))
             else:
                 log += solution.updates
                 found += [n.text for n in solution.notes if n.text.startswith("noise of ")]

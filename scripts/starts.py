@@ -69,7 +69,9 @@ def judged(sequence: Sequence, own: float) -> tuple[str, float, float]:
     sigma = float(np.degrees(solution.alignment.sigma_heading))
     if error <= max(_FINE, 3.0 * np.hypot(sigma, own)):
         return "right", error, sigma
-    said = solution.status in ("lost", "restarted") or "not decided" in solution.alignment.message
+    doubts = ("not decided", "do not bear out")
+    said = solution.status in ("lost", "restarted")
+    said |= any(doubt in solution.alignment.message for doubt in doubts)
     return ("wrong and said" if said else "wrong and sure"), error, sigma
 
 

@@ -32,7 +32,8 @@ NAV = (
     ("evaluation",),
     ("navigator", "pipeline"),
     ("engine",),
-    ("_frames", "config_files", "rejections", "rest", "solution", "sweep"),
+    ("_frames", "config_files", "rejections", "rest", "solution"),
+    ("sweep",),
     ("config", "installation", "notes", "signals"),
     ("vehicles",),
 )

@@ -8,11 +8,13 @@
     least_squares      their solution for four satellites or more, faults left out
     vehicle_motion     what the attitude says: a road vehicle moves where it points
     ddia               the velocity from one, two or more satellites with that help
+    aided_velocity     what they return
     screening          which pairs of satellites to trust
     aided_screening    which satellites to trust when the velocity is roughly known
     doppler_noise      a receiver's noise over C/N0 and elevation, fitted to what it did
     constellations     their Doppler held against each other: drift, and noise
     phase_rates        range rates from the carrier's phase, and Doppler held against them
+    wheel_speed        how late an odometer is, and its scale
     mounting           the IMU's mounting in the vehicle, from straight driving
     tracks             velocities of a recording from every source it has
 
@@ -28,8 +30,8 @@ from typing import TYPE_CHECKING
 from ..lazy import names
 
 if TYPE_CHECKING:
+    from .aided_velocity import AidedVelocity
     from .ddia import (
-        AidedVelocity,
         ddia_pair,
         ddia_velocities,
         ddia_velocity,
@@ -65,8 +67,8 @@ _PUBLIC = {
     ),
     "least_squares": ("DopplerVelocity", "doppler_velocities", "doppler_velocity"),
     "vehicle_motion": ("ForwardMotion", "forward_motion"),
+    "aided_velocity": ("AidedVelocity",),
     "ddia": (
-        "AidedVelocity",
         "ddia_pair",
         "ddia_velocities",
         "ddia_velocity",

@@ -21,7 +21,6 @@ and a sideways velocity v_⟂ that the constraint ignores by −(I − u gᵀE) 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +30,7 @@ from ..datasets.observations import GnssObservations
 from ..filters.errors import ConfigError
 from ..filters.fault_exclusion import consistent_rows
 from ..filters.rotation import FloatArray, skew
-from .least_squares import _no_matrix, _no_rows, _no_vector
+from .aided_velocity import AidedVelocity
 from .range_rate import DopplerNoise, DopplerRows, doppler_rows
 from .vehicle_motion import ForwardMotion
 
@@ -48,87 +47,6 @@ class DriftFree(NamedTuple):
 
     def __repr__(self) -> str:
         return f"DriftFree({len(self.z)} differences)"
-
-
-@dataclass(frozen=True, eq=False)
-class AidedVelocity:
-    """Velocity of one epoch from Doppler and attitude, with everything needed to judge it.
-
-    Attributes
-    ----------
-    time : float
-        GPS time [s].
-    status : {'ok', 'too few satellites', 'singular geometry', 'inconsistent'}
-        Numbers below are NaN unless 'ok'.
-    speed : float
-        Signed forward speed at the point the wheels constrain [m/s].
-    sigma_doppler, sigma_attitude : float
-        1σ of `speed` from range rates (and a known drift), and from the attitude [m/s]. For a
-        pair the former is √2·λσ_D/k.
-    clock_drift, sigma_clock_drift : float
-        c·δṫ_r [m/s] and its 1σ from the range rates.
-    vel_e : ndarray, shape (3,)
-        Antenna velocity, ECEF [m/s]: eq. (20) with the lever arm's share.
-    noise_cov_e : ndarray, shape (3, 3)
-        Its covariance from range rates and `sigma_cross`, without the attitude [m²/s²].
-    cov_e : ndarray, shape (3, 3)
-        Its covariance, attitude included.
-    attitude_e : ndarray, shape (3, 3)
-        d(vel_e)/dφ', φ' the error of the attitude used (module docstring). A filter whose own
-        attitude was used takes `noise_cov_e` and this, not `cov_e`.
-    swing_e : ndarray, shape (3, 3)
-        d(vel_e)/d(swing_e), `swing_e` of the motion used: I − u gᵀE.
-    k : float
-        |SDV·RMD| of a pair; for more satellites that of a pair as good, √2·σ_rms/σ_s; for one
-        satellite |e·u|.
-    satellites : tuple of str
-        Used satellites.
-    row : ndarray of int
-        Used rows of the observations.
-    residuals : ndarray
-        z − model of the used rows [m/s].
-    rejected : tuple of int
-        Rows of the observations excluded by the residual test.
-    dof : int
-        Used rows − 2. With 0 nothing has checked the solution.
-    chi2, variance_factor : float
-        Σ(residual/σ)², and max(1, chi2/dof), which is in all covariances.
-    """
-
-    time: float
-    status: str
-    speed: float = np.nan
-    sigma_doppler: float = np.nan
-    sigma_attitude: float = np.nan
-    clock_drift: float = np.nan
-    sigma_clock_drift: float = np.nan
-    vel_e: FloatArray = field(default_factory=_no_vector)
-    noise_cov_e: FloatArray = field(default_factory=_no_matrix)
-    cov_e: FloatArray = field(default_factory=_no_matrix)
-    attitude_e: FloatArray = field(default_factory=_no_matrix)
-    swing_e: FloatArray = field(default_factory=_no_matrix)
-    k: float = np.nan
-    satellites: tuple[str, ...] = ()
-    row: NDArray[np.int64] = field(default_factory=_no_rows)
-    residuals: FloatArray = field(default_factory=lambda: np.zeros(0))
-    rejected: tuple[int, ...] = ()
-    dof: int = 0
-    chi2: float = np.nan
-    variance_factor: float = np.nan
-
-    def __repr__(self) -> str:
-        if not self.ok:
-            return f"AidedVelocity(t = {self.time:.3f} s, {self.status})"
-        sigma = np.hypot(self.sigma_doppler, self.sigma_attitude)
-        return (
-            f"AidedVelocity(t = {self.time:.3f} s, {self.speed:.2f} ± {sigma:.2f} m/s forward, "
-            f"k = {self.k:.2f}, {len(self.satellites)} satellites, {len(self.rejected)} rejected)"
-        )
-
-    @property
-    def ok(self) -> bool:
-        """True if there is a velocity."""
-        return self.status == "ok"
 
 
 class _Estimate(NamedTuple):
@@ -155,6 +73,17 @@ def drift_free(rows: DopplerRows) -> DriftFree:
     Row k is satellite k + 1 minus the first one: ``v_AB = e_AB·v_e``, eq. (14). As a filter
     update they need neither a division by k nor the vehicle constraint; which satellite is
     subtracted makes no difference as long as `cov`, which is not diagonal, is used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import DopplerRows, drift_free
+    >>> e_e = np.array([[0.8, 0.0, 0.6], [-0.6, 0.0, 0.8]])  # two satellites, ahead and behind
+    >>> z = e_e @ [10.0, 0.0, 0.0] - 30.0
+    >>> rows = DopplerRows(np.arange(2), np.array(["G01", "G02"]), e_e, z, np.full(2, 0.05))
+    >>> free = drift_free(rows)
+    >>> (free.e_e @ [10.0, 0.0, 0.0] - free.z).round(9) + 0.0  # the clock has no part in it
+    array([0.])
     """
     if len(rows) < 2:
         raise ConfigError(f"between-satellite differences: expected ≥ 2 rows, found {len(rows)}")
@@ -189,6 +118,17 @@ def ndia_velocity(
         c·δṫ_r and its 1σ [m/s], from the last epoch that observed it.
     min_k : float
         Smallest |e·u|.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import DopplerRows, ForwardMotion, ndia_velocity
+    >>> motion = ForwardMotion([1.0, 0.0, 0.0], [0.0, 0.0, 0.0], 1e-5 * np.eye(3))
+    >>> e_e, z = np.array([[0.8, 0.0, 0.6]]), np.array([8.0 - 30.0])  # one satellite
+    >>> rows = DopplerRows(np.arange(1), np.array(["G01"]), e_e, z, np.array([0.05]))
+    >>> found = ndia_velocity(rows, motion, time=0.0, clock_drift=30.0, sigma_clock_drift=0.02)
+    >>> round(found.speed, 6), round(found.k, 2)
+    (10.0, 0.8)
     """
     if len(rows) != 1:
         raise ConfigError(f"NDIA-VE: expected one satellite, found {len(rows)}")
@@ -225,6 +165,18 @@ def ddia_pair(
         GPS time [s].
     min_k : float
         Pairs with |SDV·RMD| up to this are 'singular geometry'.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import DopplerRows, ForwardMotion, ddia_pair
+    >>> e_e = np.array([[0.8, 0.0, 0.6], [-0.6, 0.0, 0.8]])  # two satellites, ahead and behind
+    >>> motion = ForwardMotion([1.0, 0.0, 0.0], [0.0, 0.0, 0.0], 1e-5 * np.eye(3))
+    >>> z = e_e @ [10.0, 0.0, 0.0] - 30.0  # 10 m/s forward, clock drift 30 m/s
+    >>> rows = DopplerRows(np.arange(2), np.array(["G01", "G02"]), e_e, z, np.full(2, 0.05))
+    >>> pair = ddia_pair(rows, motion, time=0.0)
+    >>> round(pair.speed, 6), round(pair.sigma_doppler, 4), round(0.05 * 2**0.5 / pair.k, 4)
+    (10.0, 0.0505, 0.0505)
     """
     if len(rows) != 2:
         raise ConfigError(f"DDIA-VE pair: expected two satellites, found {len(rows)}")
@@ -276,6 +228,18 @@ def ddia_velocity(
         Geometry worse than that of a pair with this |SDV·RMD| is 'singular geometry'.
     significance : float
         Probability that the residual test (three rows or more) accuses fault-free rows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import DopplerRows, ForwardMotion, ddia_velocity
+    >>> e_e = np.array([[0.8, 0.0, 0.6], [-0.6, 0.0, 0.8]])  # two satellites, ahead and behind
+    >>> motion = ForwardMotion([1.0, 0.0, 0.0], [0.0, 0.0, 0.0], 1e-5 * np.eye(3))
+    >>> z = e_e @ [10.0, 0.0, 0.0] - 30.0  # 10 m/s forward, clock drift 30 m/s
+    >>> rows = DopplerRows(np.arange(2), np.array(["G01", "G02"]), e_e, z, np.full(2, 0.05))
+    >>> found = ddia_velocity(rows, motion, time=0.0)
+    >>> found.status, round(found.speed, 6), round(found.clock_drift, 6), round(found.k, 2)
+    ('ok', 10.0, 30.0, 1.4)
     """
     if len(rows) < 2:
         return AidedVelocity(time, "too few satellites")
@@ -339,6 +303,20 @@ def ddia_velocities(
     noise : DopplerNoise, optional
     min_k, significance : float
         As for `ddia_velocity`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.datasets import SimulationConfig, simulate
+    >>> from certnav.velocity import ddia_velocities, forward_motion
+    >>> drive = simulate(SimulationConfig(duration=20.0, density="open", noise=False))
+    >>> observations, pos_e = drive.observations, drive.reference.pos_e[0]
+    >>> time = np.array([time for time, _ in observations.epochs()])
+    >>> C_eb = drive.trajectory.kinematics(time).C_eb
+    >>> motion = forward_motion(C_eb, np.zeros((len(time), 3)), drive.calibration.lever_antenna_b)
+    >>> found = ddia_velocities(observations, pos_e, motion)
+    >>> {v.status for v in found}, max(abs(round(v.speed, 2)) for v in found)  # it stands still
+    ({'ok'}, 0.0)
     """
     rows = doppler_rows(observations, pos_e, noise)
     out = []

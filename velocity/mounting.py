@@ -38,6 +38,17 @@ class Mounting:
         Straight driving used [s].
     blocks : int
         Independent values behind it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import calibrate_mounting
+    >>> time = np.arange(0.0, 60.0, 0.1)
+    >>> C_eb = np.tile(np.eye(3), (600, 1, 1))
+    >>> vel_e = np.tile(10.0 * np.array([np.cos(0.02), np.sin(0.02), 0.0]), (600, 1))
+    >>> mounting = calibrate_mounting(time, vel_e, C_eb, np.zeros((600, 3)))
+    >>> round(mounting.yaw, 6), round(mounting.pitch, 6) + 0.0, round(mounting.straight_s)
+    (0.02, 0.0, 60)
     """
 
     pitch: float
@@ -87,6 +98,17 @@ def calibrate_mounting(
     ------
     DataError
         If less than 20 s of driving were straight and fast enough.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import calibrate_mounting
+    >>> time = np.arange(0.0, 60.0, 0.1)
+    >>> C_eb = np.tile(np.eye(3), (600, 1, 1))
+    >>> vel_e = np.tile(10.0 * np.array([np.cos(0.02), np.sin(0.02), 0.0]), (600, 1))
+    >>> mounting = calibrate_mounting(time, vel_e, C_eb, np.zeros((600, 3)))
+    >>> round(mounting.yaw, 6), round(mounting.pitch, 6) + 0.0, round(mounting.straight_s)
+    (0.02, 0.0, 60)
     """
     time, vel_e, C_eb = (np.asarray(v, dtype=float) for v in (time, vel_e, C_eb))
     omega = np.asarray(omega_eb_b, dtype=float)
@@ -141,6 +163,15 @@ def sequence_mounting(
         Its reference must have the IMU's attitude.
     min_speed, max_yaw_rate : float
         As for `calibrate_mounting`.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, simulate
+    >>> from certnav.velocity import sequence_mounting
+    >>> config = SimulationConfig(duration=120.0, density="open", mounting_rpy_deg=(0.0, 0.0, 3.0))
+    >>> mounting = sequence_mounting(simulate(config).sequence())
+    >>> round(mounting.yaw * 57.29578)  # [deg]: the nose is left of where the IMU points
+    -3
     """
     from .study.samples import interpolated, rate_eb_b, reference_attitude  # slow to import
 

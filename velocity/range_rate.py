@@ -41,6 +41,15 @@ class LineOfSight(NamedTuple):
         Where the satellite was at transmission [m].
     sat_vel_i : ndarray, shape (n, 3)
         Its inertial velocity at transmission [m/s].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import line_of_sight
+    >>> pos_e, sat_e = np.array([6378137.0, 0.0, 0.0]), np.array([[26560e3, 0.0, 0.0]])  # overhead
+    >>> sight = line_of_sight(pos_e, sat_e, np.array([[0.0, 2000.0, 3000.0]]))
+    >>> sight.range.round(0), sight.e_e.round(3) + 0.0
+    (array([20181863.]), array([[1., 0., 0.]]))
     """
 
     e_e: FloatArray
@@ -86,6 +95,13 @@ class DopplerNoise:
         weak signals are reflections. `velocity.doppler_noise` fits it.
     low : float
         How much larger σ is at the horizon than C/N0 alone says: times 1 + low·e^(−elevation/10°).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import DopplerNoise
+    >>> DopplerNoise(sigma_45=0.06, floor=0.04).sigma(np.array([25.0, 45.0])).round(3)  # [m/s]
+    array([0.601, 0.072])
     """
 
     sigma_45: float = 0.06
@@ -137,6 +153,16 @@ class DopplerRows:
     z_by_pos : ndarray, shape (n, 3), or None
         ∂z/∂p: what an error of the position does to `z`, 0.1 … 0.3 (m/s)/km [1/s]. None in rows
         made by hand: nothing is known of their geometry.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import DopplerRows
+    >>> e_e, drift = np.eye(3), 30.0  # satellites along the axes, clock drift 30 m/s
+    >>> z = e_e @ [10.0, 2.0, -1.0] - drift
+    >>> rows = DopplerRows(np.arange(3), np.array(["G01", "G02", "G03"]), e_e, z, np.full(3, 0.05))
+    >>> len(rows), rows.z
+    (3, array([-20., -28., -31.]))
     """
 
     row: NDArray[np.int64]
@@ -180,6 +206,15 @@ def line_of_sight(pos_e: ArrayLike, sat_pos_e: ArrayLike, sat_vel_e: ArrayLike) 
         Receiver, ECEF at reception [m].
     sat_pos_e, sat_vel_e : array_like, shape (n, 3)
         Satellite, ECEF at transmission [m], [m/s].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import line_of_sight
+    >>> pos_e, sat_e = np.array([6378137.0, 0.0, 0.0]), np.array([[26560e3, 0.0, 0.0]])  # overhead
+    >>> sight = line_of_sight(pos_e, sat_e, np.array([[0.0, 2000.0, 3000.0]]))
+    >>> sight.range.round(0), sight.e_e.round(3) + 0.0
+    (array([20181863.]), array([[1., 0., 0.]]))
     """
     pos_e = np.asarray(pos_e, dtype=float)
     sat_pos_e = np.asarray(sat_pos_e, dtype=float)
@@ -221,6 +256,16 @@ def predicted_range_rate(
         Satellite, ECEF at transmission [m], [m/s].
     sat_clock_drift : array_like, shape (n,)
         c·δṫ^s, relativistic rate included [m/s].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import predicted_range_rate
+    >>> pos_e, sat_e = np.array([6378137.0, 0.0, 0.0]), np.array([[26560e3, 0.0, 0.0]])  # overhead
+    >>> hung = sat_e, np.zeros((1, 3)), np.zeros(1)  # no motion of the satellite, no clock drift
+    >>> up, down = (predicted_range_rate(pos_e, [v, 0.0, 0.0], 0.0, *hung) for v in (5.0, -5.0))
+    >>> (up - down).round(3)  # positive when receding [m/s]
+    array([-10.])
     """
     sight = line_of_sight(pos_e, sat_pos_e, sat_vel_e)
     pos_e, vel_e = np.asarray(pos_e, dtype=float), np.asarray(vel_e, dtype=float)
@@ -246,6 +291,17 @@ def doppler_rows(
         about 2 mm/s.
     noise : DopplerNoise, optional
         Default: `DopplerNoise()`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.datasets import SimulationConfig, simulate
+    >>> from certnav.velocity import doppler_rows
+    >>> drive = simulate(SimulationConfig(duration=20.0, density="open", noise=False))
+    >>> observations, pos_e = drive.observations, drive.reference.pos_e[0]
+    >>> rows = doppler_rows(observations, pos_e)
+    >>> rows.e_e.shape == (len(rows), 3), float(np.linalg.norm(rows.e_e, axis=1).min().round(4))
+    (True, 1.0)
     """
     row = np.flatnonzero(observations.has_range_rate)
     pos_e = np.asarray(pos_e, dtype=float)
@@ -320,6 +376,17 @@ def with_elevation(observations: GnssObservations, pos_e: ArrayLike) -> GnssObse
     ----------
     pos_e : array_like, shape (3,) or (n, 3)
         Antenna, ECEF [m], one for all or one per row.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.datasets import SimulationConfig, simulate
+    >>> from certnav.velocity import with_elevation
+    >>> drive = simulate(SimulationConfig(duration=20.0, density="open", noise=False))
+    >>> observations, pos_e = drive.observations, drive.reference.pos_e[0]
+    >>> seen = with_elevation(observations, pos_e)
+    >>> bool(np.degrees(seen.elevation).min() > 0.0)
+    True
     """
     sight = line_of_sight(pos_e, observations.sat_pos_e, observations.sat_vel_e)
     elevation, azimuth = elevation_azimuth(sight.e_e, pos_e)

@@ -37,6 +37,13 @@ class Screening:
     max_residual : float
         Largest disagreement with the n-satellite solution, in σ; pairs with nothing to disagree
         with pass.
+
+    Examples
+    --------
+    >>> from certnav.velocity import Screening
+    >>> paper = Screening()
+    >>> paper.min_cn0_dbhz, paper.min_k
+    (40.0, 0.2)
     """
 
     min_cn0_dbhz: float = 40.0
@@ -61,7 +68,20 @@ class Screening:
 
 
 def screen(pairs: Pairs, screening: Screening) -> Marks:
-    """Return one mark per pair: 0 is usable, otherwise the bits of `REASONS`, shape (m,)."""
+    """Return one mark per pair: 0 is usable, otherwise the bits of `REASONS`, shape (m,).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import Screening, screen
+    >>> from certnav.velocity.screening import reasons
+    >>> from certnav.velocity.study.pairs import Pairs
+    >>> one, k, cn0 = np.ones(3), np.array([0.9, 0.1, 0.5]), np.array([45.0, 45.0, 35.0])
+    >>> a, b = np.array([0, 0, 1]), np.array([1, 2, 2])  # three satellites of one epoch
+    >>> pairs = Pairs(0 * a, a, b, k, k, cn0, cn0, one, 10.0 * one, one, 0.0 * one, np.array([3]))
+    >>> reasons(screen(pairs, Screening()))
+    array(['', 'singular geometry', 'weak signal'], dtype='<U86')
+    """
     marks = np.zeros(len(pairs), dtype=np.uint8)
     if screening.min_cn0_dbhz > 0.0:
         cn0 = pairs.cn0_mean if screening.cn0_of == "mean" else pairs.cn0_min

@@ -32,6 +32,15 @@ class ForwardMotion:
     sigma_cross : float
         1σ, per axis, of the velocity across `u_e` that the vehicle has in spite of the
         constraint (sideslip, suspension) [m/s].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import ForwardMotion
+    >>> level = np.diag(np.radians([0.5, 0.5, 2.0]) ** 2)
+    >>> motion = ForwardMotion([1.0, 0.0, 0.0], [0.0, 0.1, 0.0], level, sigma_cross=0.1)
+    >>> motion.u_e
+    array([1., 0., 0.])
     """
 
     u_e: FloatArray
@@ -80,6 +89,14 @@ def forward_motion(
     att_cov_e : array_like, optional
         See `ForwardMotion`; default: attitude exact.
     sigma_cross : float
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.velocity import forward_motion
+    >>> motion = forward_motion(np.eye(3), [0.0, 0.0, 0.1], lever_antenna_b=[2.0, 0.0, -1.0])
+    >>> motion.u_e, motion.swing_e  # 2 m ahead of the axle, turning right at 0.1 rad/s
+    (array([1., 0., 0.]), array([0. , 0.2, 0. ]))
     """
     C_eb = np.asarray(C_eb, dtype=float)
     forward_b = np.eye(3)[:, 0] if C_bv is None else np.asarray(C_bv, dtype=float)[:, 0]

@@ -60,6 +60,18 @@ class AnywhereAlignment:
         Signals that were believed.
     rounds : int
         Linearisations it took.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import align_anywhere
+    >>> from certnav.alignment.reference.earth_windows import displaced, earth_window
+    >>> rng = np.random.default_rng(2)
+    >>> window = earth_window(rng, 7, 30.0, noise=False)
+    >>> near = displaced(rng, window.pos_e, 1e5)  # 100 km away
+    >>> found = align_anywhere(window.signals, window.track, near, 1.5e5, speed_scale_sigma=0.0)
+    >>> found.located.passed, bool(found.radius < 1.5e5), bool(found.inliers.all())
+    (True, True, True)
     """
 
     result: AlignmentResult
@@ -148,6 +160,18 @@ def align_anywhere(
     ------
     AlignmentError
         If there are too few rows within the track.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.alignment import align_anywhere
+    >>> from certnav.alignment.reference.earth_windows import displaced, earth_window
+    >>> rng = np.random.default_rng(2)
+    >>> window = earth_window(rng, 7, 30.0, noise=False)
+    >>> near = displaced(rng, window.pos_e, 1e5)  # 100 km away
+    >>> found = align_anywhere(window.signals, window.track, near, 1.5e5, speed_scale_sigma=0.0)
+    >>> found.passed, bool(np.linalg.norm(found.pos_e - window.pos_e) < 10.0)  # [m]
+    (True, True)
     """
     signals = rows if isinstance(rows, Signals) else Signals.of(rows)
     if not 1.0 <= correlated < np.inf:

@@ -254,10 +254,10 @@ def align_epochs(
     for solved in linearisations(stretch.at, start, options, None):
         if look is not None and solved.rounds == 1:
             look(_heading(solved.covariance[:3, :3], doppler.pos_e[-1]))
-    result = judge(solved.problem, limits=options.limits)
+    result, moves = judge(solved.problem, limits=options.limits), in_motion(doppler)
     consistent = result.verdict(Ask.CONSISTENT).passed
     if options.robust and not consistent and result.dof >= options.limits.redundancy:
-        solved = reject(stretch.at, solved, options)
+        solved = reject(stretch.at, solved, options, moves)
         # Rejected rows tell of tails: those that were kept are as wide as all of them together.
         lost = int(np.sum(~solved.inliers))
         tails = (solved.cost + lost * options.cutoff**2) / max(solved.problem.dof + lost, 1)
@@ -267,7 +267,7 @@ def align_epochs(
         result = judge(solved.problem, limits=options.limits)
     inliers = solved.inliers
     if not inliers.all():
-        result = result.asked_further(consensus(inliers, options, in_motion(doppler)))
+        result = result.asked_further(consensus(inliers, options, moves))
     if result.passed:
         # Slow, and of no use to what waits anyway.
         further = [rivals(stretch.at, solved, result, inliers, options)]

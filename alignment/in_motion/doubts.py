@@ -32,18 +32,20 @@ _MOTION, _STILL, _MOVING_ROWS = 1.0, 4.0, 10
 Linearised = Callable[[FloatArray], Window]
 
 
-def reject(window: Linearised, solved: Solved, options: InertialOptions) -> Solved:
+def reject(window: Linearised, solved: Solved, options: InertialOptions, moves: Mask) -> Solved:
     """Reject the worst row of each epoch by turns until all agree (Baarda's data snooping).
 
     The residual of a row is judged by its own σ after the fit: a row that the fit follows
-    whatever it says has a small residual and a small σ of it.
+    whatever it says has a small residual and a small σ of it. What is rejected stays so: once
+    too few rows are left for `consensus`, to which `moves` goes, the window has failed, and
+    finding out how badly would cost most of the time that a wait in a street takes.
     """
     inliers = solved.inliers.copy()
     epoch = solved.window.stretch.rows.epoch
     for _ in range(40):
         score = solved.scores()
         worst = float(score.max())
-        if worst <= options.cutoff or np.mean(~inliers) > 0.5:
+        if worst <= options.cutoff or not consensus(inliers, options, moves).passed:
             break
         # Only what is nearly as bad as the worst: the others may suffer from it.
         bad = score > max(options.cutoff, 0.6 * worst)
@@ -72,7 +74,7 @@ def consensus(inliers: Mask, options: InertialOptions, moves: Mask | None = None
         text = f"{int(np.sum(inliers[moves]))} of {int(moves.sum())} rows in motion agree"
     passed = share >= 1.0 - options.minority
     if not passed:
-        text += f", {100.0 * (1.0 - options.minority):.0f} % are needed"
+        text = f"at most {text}, {100.0 * (1.0 - options.minority):.0f} % are needed"
     return Verdict(Ask.CONSENSUS, passed, share, 1.0 - options.minority, text)
 
 

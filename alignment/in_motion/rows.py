@@ -128,15 +128,16 @@ class DopplerEpoch:
         One or more.
     position_sigma : float
         1σ per axis of the position [m].
-    assumed : bool
-        Whether the position is none of the receiver's, which has none.
+    given : (float, float), optional
+        Where the position is none of the receiver's, which has none: the time [s] at which it
+        holds, and how well it is known then, 1σ per axis [m].
     """
 
     time: float
     pos_e: FloatArray
     rows: DopplerRows
     position_sigma: float = POSITION_SIGMA
-    assumed: bool = False
+    given: tuple[float, float] | None = None
 
     def __repr__(self) -> str:
         return f"<DopplerEpoch at {self.time:.2f} s, {len(self.rows)} rows>"

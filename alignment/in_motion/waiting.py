@@ -28,6 +28,8 @@ from .unknowns import InertialOptions
 
 #: Spread of z over satellites, in σ, up to which an epoch looks like a standstill.
 _STILL = 3.0
+#: And from which it is motion: of ten satellites chance has more once in a thousand epochs.
+_MOVES = 6.0
 #: A first look at a window is right to a factor of two: beyond so many times the limit for the
 #: heading nothing can come of it.
 _HOPELESS = 2.0
@@ -50,6 +52,9 @@ class MotionOptions:
         1σ that the heading must have, beyond the verdicts [rad].
     shortest_rest : float
         Standstill that gives a gyro bias [s].
+    shortest_motion : float
+        So much of a window must be motion, or all of it [s]. What is wrong with Doppler stays the
+        same for up to 4 s on recordings; twice that, and a start that was led astray for 5 s.
     """
 
     inertial: InertialOptions = field(default_factory=InertialOptions)
@@ -58,6 +63,7 @@ class MotionOptions:
     every: float = 1.0
     sigma_heading: float = np.radians(1.5)
     shortest_rest: float = 3.0
+    shortest_motion: float = 10.0
 
     def __post_init__(self) -> None:
         if not 0.0 < self.shortest <= self.longest < np.inf:
@@ -65,7 +71,7 @@ class MotionOptions:
                 f"alignment in motion: expected 0 < shortest ≤ longest, found {self.shortest:g} "
                 f"and {self.longest:g} s"
             )
-        for name in ("every", "sigma_heading", "shortest_rest"):
+        for name in ("every", "sigma_heading", "shortest_rest", "shortest_motion"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(
                     f"alignment in motion: {name}: expected > 0, found {getattr(self, name)!r}"
@@ -121,6 +127,7 @@ class MotionAligner:
         self.options = options or MotionOptions()
         self._epochs: list[DopplerEpoch] = []
         self._still: list[bool] = []
+        self._moving: list[bool] = []
         self._rest: tuple[FloatArray, float] | None = None
         self._near: FloatArray | None = None
         self._began, self._tried = np.nan, -np.inf
@@ -142,8 +149,9 @@ class MotionAligner:
             self._began = epoch.time
         self._epochs.append(epoch)
         self._still.append(_is_still(epoch))
+        self._moving.append(len(epoch.rows) > 1 and _moves(epoch))
         while epoch.time - self._epochs[0].time > options.longest + 1e-6:
-            del self._epochs[0], self._still[0]
+            del self._epochs[0], self._still[0], self._moving[0]
         self._rest = self._at_rest() or self._rest
         rarely = min(0.02 * (epoch.time - self._began), 0.25 * options.longest)
         due = self._tried + max(options.every, rarely)
@@ -151,11 +159,22 @@ class MotionAligner:
         if not (attempt and long_enough and epoch.time >= due - 1e-6):
             return None
         self._tried = epoch.time
-        if all(self._still):
-            return Attempt(
-                self._epochs[0].time, epoch.time, False, "not aligned: at rest, needs motion", None
-            )
+        moved, enough = self._moved(), min(options.shortest_motion, options.longest)
+        if moved < enough - 1e-6:
+            told = f"in motion for {moved:.0f} s, needs {enough:g} s of it"
+            told = told if moved else "at rest, needs motion"
+            message = f"not aligned: {told}"
+            return Attempt(self._epochs[0].time, epoch.time, False, message, None)
         return self._attempt()
+
+    def _moved(self) -> float:
+        """Return how much of the window ended in motion [s].
+
+        At rest satellites agree whatever their signals' paths; setting off straight ahead, those
+        reflected at one facade agree on another heading, and for seconds nothing contradicts.
+        """
+        time = np.array([epoch.time for epoch in self._epochs])
+        return float(np.sum(np.diff(time)[self._moving[1:]]))
 
     def _attempt(self) -> Attempt:
         start, time, options = self._epochs[0].time, self._epochs[-1].time, self.options.inertial
@@ -336,3 +355,10 @@ def _is_still(epoch: DopplerEpoch) -> bool:
         return False
     off = np.abs(epoch.rows.z - np.median(epoch.rows.z)) / epoch.rows.sigma
     return bool(np.median(off) < 1.0 and off.max() < _STILL)
+
+
+def _moves(epoch: DopplerEpoch) -> bool:
+    """Tell if satellites see more of a velocity than chance makes of a standstill."""
+    z, sigma = epoch.rows.z, epoch.rows.sigma
+    off = (z - np.average(z, weights=sigma**-2.0)) / sigma
+    return bool(np.ptp(off) > _MOVES)

@@ -179,10 +179,7 @@ def prove_consensus(
         if not len(centres):
             continue
         speed, cosine = _cosines(rows, C)
-        least_cosine, most_cosine = _turned_by(cosine, reach)
-        low = speed * least_cosine - z - half
-        high = speed * most_cosine - z + half
-        alive = _stabbed(low, high, groups, weight) >= least
+        alive = _reached(speed, cosine, reach, z, half, groups, weight, least)
         if not alive.any():
             continue
         centres, C, away, cosine = centres[alive], C[alive], away[alive], cosine[alive]
@@ -203,16 +200,6 @@ def _cosines(rows: AlignmentRows, C: FloatArray) -> tuple[FloatArray, FloatArray
     pairs = (rows.vel_w[:, :, None] * rows.e_e[:, None, :]).reshape(-1, 9)
     cosine = np.swapaxes(C, 1, 2).reshape(-1, 9) @ pairs.T / np.maximum(size, 1e-300)
     return size, np.clip(cosine, -1.0, 1.0)
-
-
-def _turned_by(cosine: FloatArray, reach: float) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the greatest cosine of angles no further than `reach` away."""
-    if reach >= np.pi:
-        return np.full_like(cosine, -1.0), np.ones_like(cosine)
-    c, s = np.cos(reach), np.sin(reach)
-    across = np.sqrt(1.0 - cosine * cosine) * s
-    least = np.where(cosine < -c, -1.0, cosine * c - across)
-    return least, np.where(cosine > c, 1.0, cosine * c + across)
 
 
 def _allowed(priors: Iterable[Prior], C: FloatArray, reach: float) -> NDArray[np.bool_]:
@@ -256,3 +243,19 @@ def _stabbed(low: FloatArray, high: FloatArray, groups: Groups, weight: FloatArr
     total = np.zeros(len(low))
     stabbed(low, high, groups.member, groups.first, weight, total)
     return total
+
+
+def _reached(
+    speed: FloatArray, cosine: FloatArray, reach: float, z: FloatArray, half: FloatArray,
+    groups: Groups, weight: FloatArray, least: float,
+) -> NDArray[np.bool_]:  # fmt: skip
+    """Return whether turns of up to `reach` can have `least` of the weight agree, shape (n,)."""
+    from .stabbing import reached
+
+    reached_by = np.empty(len(cosine), dtype=bool)
+    c, s = (np.cos(reach), np.sin(reach)) if reach < np.pi else (-1.0, 0.0)
+    reached(
+        speed, cosine, float(c), float(s), z, half, groups.member, groups.first, weight, least,
+        reached_by,
+    )  # fmt: skip
+    return reached_by

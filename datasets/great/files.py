@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from ..rtklib import GivenFiles
 
 SIDECAR = "great.toml"
+#: The program in the headers of simulated RINEX.
+SIMULATOR = "certnav simulator"
 _REFERENCE_FOLDERS = ("groundtruth", "groudtruth", "ref", "reference")
 _IMU_WORDS = {"mems": ("mems", "adis", "smallimu"), "tactical": ("tactical", "starneto")}
 _NOT_SEARCHED = ("image", "lidar", "model", "xml", "result", "results")
@@ -193,6 +195,18 @@ def rinex_kind(path: Path) -> str:
         return ""
     letter = line[20:21].upper()
     return "N" if letter in ("N", "G", "L", "E") else letter  # RINEX 2 names GLONASS, Galileo nav
+
+
+def is_simulated(path: Path) -> bool:
+    """Return whether `datasets.great.writer` wrote these observations."""
+    with path.open(encoding="ascii", errors="replace") as stream:
+        for line in stream:
+            content, label = header.split(line)
+            if label == "PGM / RUN BY / DATE":
+                return content.startswith(SIMULATOR)
+            if label == "END OF HEADER":
+                break
+    return False
 
 
 def first_observation(path: Path) -> float:

@@ -2,7 +2,8 @@
 
 The archives' inner names are not documented and every sequence's archive is called ``IMU.zip``, so
 files are told by content (`datasets.great.inspection`). The sequence comes from a name where there
-is one, and from day of week and duration where there is none. Nothing is moved into place before
+is one, of the file, the archive or the folder it was saved in, and from day of week and duration
+where there is none. Nothing is moved into place before
 everything has been looked at.
 """
 
@@ -129,6 +130,7 @@ def import_archives(archives: Iterable[str | Path], to: str | Path) -> ImportRep
 @dataclass(frozen=True)
 class _Staged:
     source: str  # archive and name inside
+    folder: str  # in which the archive lies
     inner: PurePosixPath
     file: Path
     found: Inspected
@@ -138,10 +140,10 @@ def _stage(archives: list[Path], scratch: Path) -> tuple[list[_Staged], list[tup
     """Unpack what may be of use and inspect it."""
     staged: list[_Staged] = []
     left_out: list[tuple[str, str]] = []
-    for source, inner, file in _unpacked(archives, scratch, left_out):
+    for source, folder, inner, file in _unpacked(archives, scratch, left_out):
         found = inspect(file)
         if found.kind:
-            staged.append(_Staged(source, inner, file, found))
+            staged.append(_Staged(source, folder, inner, file, found))
         else:
             left_out.append((source, "not RINEX, IMU text or reference"))
     if not staged:
@@ -155,19 +157,27 @@ def _stage(archives: list[Path], scratch: Path) -> tuple[list[_Staged], list[tup
 
 def _unpacked(
     archives: list[Path], scratch: Path, left_out: list[tuple[str, str]]
-) -> Iterator[tuple[str, PurePosixPath, Path]]:
-    """Yield the files of archives, nested ones included: source, name inside, file in scratch."""
-    queue = [(a.name, PurePosixPath(a.name), a) for a in archives]
+) -> Iterator[tuple[str, str, PurePosixPath, Path]]:
+    """Yield the files of archives, nested ones included.
+
+    That is: source, folder of the archive, name inside, file in scratch.
+    """
+    names = [a.name for a in archives]
+    queue = []
+    for a in archives:
+        folder = a.resolve().parent.name
+        source = a.name if names.count(a.name) == 1 else f"{folder}/{a.name}"
+        queue.append((source, folder, PurePosixPath(a.name), a))
     number = 0
     while queue:
-        source, inner, file = queue.pop(0)
+        source, folder, inner, file = queue.pop(0)
         if not zipfile.is_zipfile(file):
             if file.parent != scratch:  # a file of the user: copied, never moved
                 number += 1
                 copy = scratch / str(number)
                 shutil.copyfile(file, copy)
                 file = copy
-            yield source, inner, file
+            yield source, folder, inner, file
             continue
         with _open(file, source) as archive:
             for member in archive.infolist():
@@ -181,7 +191,7 @@ def _unpacked(
                 number += 1
                 target = scratch / str(number)
                 _extract(archive, member, target, where)
-                queue.append((where, inner.parent / inner.stem / name, target))
+                queue.append((where, folder, inner.parent / inner.stem / name, target))
 
 
 def _open(file: Path, source: str) -> zipfile.ZipFile:
@@ -240,7 +250,8 @@ def _plan(staged: list[_Staged], home: Path) -> list[tuple[str, Path, Path]]:
                 f"{item.found.end - item.found.start:.0f} s from second of week "
                 f"{item.found.start:.0f}: fits {names}; which one cannot be told",
                 file=item.source,
-                remedy="put the sequence's name into the archive's, such as campus-01-IMU.zip",
+                remedy="put the sequence's name into the archive's, such as campus-01-IMU.zip, or "
+                "save it in a folder of that name",
             )
         plan.append((item.source, item.file, _place(home, next(iter(near.values())), item)))
     return plan
@@ -265,7 +276,7 @@ def _place(home: Path, entry: CatalogueEntry, item: _Staged) -> Path:
 
 def _entry_by_name(item: _Staged) -> CatalogueEntry | None:
     """Return the sequence that a part of the name gives; its day has to be the file's."""
-    for part in (*reversed(item.inner.parts), item.source):
+    for part in (*reversed(item.inner.parts), item.source, item.folder):
         entry = named_in(part)
         if entry is None:
             continue

@@ -45,7 +45,7 @@ _SIGMAS = {
 _OF_MEMS = ("imu_preset", *_SIGMAS, *_SIGMAS.values())
 #: Options that the file may hold too.
 _CALLED = ("lever", "reference_point", "reference_body", "imu_preset", "week", "gyro_unit")
-_SIDECAR_KEYS = (
+SIDECAR_KEYS = (
     "lever",
     "lever_antenna_frd_m",
     "reference_point",
@@ -106,13 +106,11 @@ def read_declared(folder: Path, options: GreatOptions) -> Declared:
         raise ConfigError(f"week: expected a GPS week number, found {week!r}")
     point = given.get("reference_point")
     if point is not None:
-        point = _word_or_vector("reference_point", point, POINTS)
+        point = word_or_vector("reference_point", point, POINTS)
     return Declared(
-        lever=_word_or_vector("lever", lever, ("figure", "msf_xml")),
+        lever=word_or_vector("lever", lever, ("figure", "msf_xml")),
         lever_from="declared in the call" if "lever" in called else f"declared in {SIDECAR}",
-        reference_point=None
-        if point is None
-        else _word_or_vector("reference_point", point, POINTS),
+        reference_point=None if point is None else word_or_vector("reference_point", point, POINTS),
         reference_body=body,
         imu_preset=given.get("imu_preset", IMU_PRESETS[imu]),
         week=None if week is None else int(week),
@@ -127,8 +125,9 @@ def read_declared(folder: Path, options: GreatOptions) -> Declared:
     )
 
 
-def _word_or_vector(key: str, value: Any, words: tuple[str, ...]) -> str | FloatArray:
-    if not isinstance(value, str):
+def word_or_vector(key: str, value: Any, words: tuple[str, ...]) -> str | FloatArray:
+    """Return one of some words, or three numbers; refuse (`ConfigError`) anything else."""
+    if not isinstance(value, str) or not words:
         return _vector(key, value)
     if value not in words:
         raise ConfigError.unknown_key(value, words, where=key)
@@ -157,8 +156,8 @@ def sidecar(folder: Path, imu: str) -> Mapping[str, Any]:
     except DataError as error:
         raise ConfigError(str(error)) from None
     for key in content:
-        if key not in _SIDECAR_KEYS:
-            raise ConfigError.unknown_key(key, _SIDECAR_KEYS, where=str(file))
+        if key not in SIDECAR_KEYS:
+            raise ConfigError.unknown_key(key, SIDECAR_KEYS, where=str(file))
     if "lever" in content and "lever_antenna_frd_m" in content:
         raise ConfigError(f"{file}: give either lever or lever_antenna_frd_m, not both")
     for key, of in _SIGMAS.items():

@@ -52,6 +52,16 @@ class GreatOptions:
     ------
     ConfigError
         An unknown `imu`.
+
+    Examples
+    --------
+    >>> from certnav.datasets import GreatOptions
+    >>> GreatOptions(imu="mems", lever="figure").systems
+    'GREJC'
+    >>> GreatOptions(imu="fibre")
+    Traceback (most recent call last):
+        ...
+    certnav.filters.errors.ConfigError: imu: expected 'mems' or 'tactical', found 'fibre'
     """
 
     imu: str = "mems"

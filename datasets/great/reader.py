@@ -35,6 +35,7 @@ from ..sequence import Calibration
 from ..sequence import Sequence as Drive
 from ..series import ImuData, Reference
 from ..text.imu import ImuTable, convert, read_imu_table
+from .catalogue import named_in
 from .files import (
     SIDECAR,
     GreatFiles,
@@ -42,10 +43,16 @@ from .files import (
     choose_observations,
     find_files,
     first_observation,
+    is_simulated,
 )
 from .files import is_great as is_great
 from .installation import Declared, antenna_lever, read_declared, reference_lever
 from .options import GreatOptions, paths
+
+#: GNSS epochs so long before and after the IMU stay [s]: what is interpolated needs them.
+_MARGIN = 2.0
+#: What a simulated sequence says of itself.
+SIMULATED = "simulated drive in the layout of GREAT: none of its figures is of the GREAT dataset"
 
 
 def read_great(path: str | Path, options: GreatOptions | None = None) -> Drive:
@@ -80,6 +87,7 @@ def read_great(path: str | Path, options: GreatOptions | None = None) -> Drive:
     observations = read_observations(
         observations_file, files.navigation, systems=options.systems, signals=options.signals
     )
+    observations, beyond = _within(observations, start, end)
     data, physics_notes = _imu(
         table, found_week, declared, trajectory, observations, files.navigation
     )
@@ -87,6 +95,7 @@ def read_great(path: str | Path, options: GreatOptions | None = None) -> Drive:
     notes = [
         f"GREAT: {files.imu.name}, {observations_file.name}, GPS week {found_week}",
         *table.notes,
+        *beyond,
         *physics_notes,
         "IMU rows are rates, read as means over the interval that ends at their stamp; axes "
         "right-forward-up turned to forward-right-down",
@@ -97,14 +106,22 @@ def read_great(path: str | Path, options: GreatOptions | None = None) -> Drive:
     base_station, base_note = _base_station(paths(options.base), files.base, start, end)
     if base_note:
         notes.append(base_note)
+    simulated = is_simulated(observations_file)
+    if simulated:
+        declared = dataclasses.replace(declared, reference_source="simulation truth")
     reference = None
     if trajectory is not None:
         reference, more = _reference(declared, imu, found_week, trajectory, lever_b)
         notes += [*trajectory.notes, *more]
     else:
         notes.append("no reference found")
+    name = folder.resolve().name
+    if simulated:
+        notes.insert(1, SIMULATED)
+        if named_in(name) is not None:  # nothing shall pass for a figure of that sequence
+            name += "-simulated"
     return Drive(
-        name=folder.resolve().name,
+        name=name,
         imu=data,
         calibration=_calibration(declared, lever_b, lever_source),
         observations=observations,
@@ -114,6 +131,21 @@ def read_great(path: str | Path, options: GreatOptions | None = None) -> Drive:
         rover_file=observations_file,
         base=base_station,
     )
+
+
+def _within(
+    observations: GnssObservations, start: float, end: float
+) -> tuple[GnssObservations, list[str]]:
+    """Return the observations of the IMU's time, and what is said of the others.
+
+    A receiver's file may be of a whole day, and of several sequences. One that has nothing of the
+    IMU's time is left as it is: checks say why.
+    """
+    inside = (observations.time >= start - _MARGIN) & (observations.time <= end + _MARGIN)
+    outside = np.unique(observations.time[~inside]).size
+    if not outside or not inside.any():
+        return observations, []
+    return observations.take(inside), [f"{outside} GNSS epochs before or after the IMU left out"]
 
 
 def _calibration(declared: Declared, lever_b: FloatArray, lever_source: str) -> Calibration:

@@ -28,7 +28,7 @@ from ..placing import written_whole
 from ..series import ImuData, Reference
 from ..simulation.constellation import write_navigation
 from ..simulation.simulator import LEVER_ANTENNA, Simulation, SimulationConfig, simulate
-from .files import SIDECAR
+from .files import SIDECAR, SIMULATOR
 from .installation import WEEK_2020
 
 _MARK = "simulated by certnav"
@@ -196,7 +196,7 @@ def write_observations(
     first, last = (_epoch(t) for t in (observations.time[0], observations.time[-1]))
     lines = [
         label(f"{'3.02':>9}{'':11}{'OBSERVATION DATA':<20}{'G':<20}", "RINEX VERSION / TYPE"),
-        label("certnav simulator", "PGM / RUN BY / DATE"),
+        label(SIMULATOR, "PGM / RUN BY / DATE"),
         label(marker, "MARKER NAME"),
         label("", "OBSERVER / AGENCY"),
         label(f"{'0':<20}{'SIMULATED':<20}{'':<20}", "REC # / TYPE / VERS"),

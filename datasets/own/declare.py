@@ -22,7 +22,7 @@ from ..text.columns import open_text
 from . import column_roles as roles
 from .declaration import BLANK, REFERENCE_FORMATS
 from .draft import Draft, Line
-from .receivers import bag_sections, kinds_of
+from .receivers import bag_sections, kinds_of, with_week
 from .tables import draft_table, reference_lines
 
 # A frame of a known class: the two bytes of its start alone are "µb", as in µbar.
@@ -47,6 +47,16 @@ def draft_declaration(files: Sequence[str | Path]) -> str:
     ------
     DataError
         No files, or one that cannot be read as a table.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.datasets import draft_declaration
+    >>> rows = np.hstack([0.01 * np.arange(300)[:, None], np.tile([0, 0, 0, 0, 0, -9.8], (300, 1))])
+    >>> np.savetxt("imu.csv", rows, delimiter=",", header="t,gx,gy,gz,ax,ay,az", comments="")
+    >>> draft = draft_declaration(["imu.csv"])
+    >>> '"?"' in draft  # where only its owner knows the answer
+    True
     """
     return draft_of(files).text()
 
@@ -74,6 +84,7 @@ def draft_of(files: Sequence[str | Path], roles_of: Mapping[str, str] | None = N
             raise DataError("file not found", file=path, remedy="check the name")
     draft = Draft(home)
     rinex: dict[str, list[str]] = {"O": [], "N": []}
+    observed: Path | None = None
     found: list[tuple[Path, str, list[Line]]] = []
     for path in paths:
         name = _relative(path, home)
@@ -83,11 +94,15 @@ def draft_of(files: Sequence[str | Path], roles_of: Mapping[str, str] | None = N
         kinds = kinds_of(path)
         for kind in kinds:
             rinex[kind].append(name)
+        if "O" in kinds:
+            observed = path
         if not kinds:
             found.append((path, *_draft_file(path, name)))
     if rinex["O"] or rinex["N"]:
         draft.sections["rinex"] = _rinex_section(rinex)
     _share_out(draft, found, dict(roles_of or {}))
+    if observed is not None and "imu" in draft.sections:
+        draft.sections["imu"] = with_week(draft.sections["imu"], observed)
     _complete(draft)
     return draft
 

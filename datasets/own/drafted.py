@@ -21,7 +21,7 @@ def declaration_of(log: Path, imu: Path, drafted: Callable[[list[Path]], Draft] 
     Parameters
     ----------
     log : Path
-        RINEX observations or a receiver's log.
+        RINEX observations, or a receiver's log: raw messages, or fixes (UBX NAV-PVT, NMEA).
     imu : Path
     drafted : callable
         What drafts.
@@ -36,8 +36,11 @@ def declaration_of(log: Path, imu: Path, drafted: Callable[[list[Path]], Draft] 
     """
     for file in (log, imu):
         if file.is_dir():
-            what = "with --imu, a receiver's log or RINEX" if file == log else "the IMU's file"
-            raise DataError(f"expected {what}, found a folder", file=file)
+            raise DataError(
+                "expected a file, found a folder",
+                file=file,
+                remedy="--imu goes with one file of a receiver; a folder is named without it",
+            )
         if not file.is_file():
             raise DataError("file not found", file=file, remedy="check the name")
     file = log.with_name(f"{log.name.partition('.')[0]}.toml")
@@ -59,7 +62,8 @@ def declaration_of(log: Path, imu: Path, drafted: Callable[[list[Path]], Draft] 
                 f'still "{BLANK}" ({keys}) — fill them in, and give the same command again'
             )
     declared = read_declaration(file)
-    for section, key, given in (("rinex", "observations", log), ("imu", "file", imu)):
+    receiver = ("rinex", "observations") if "rinex" in declared.sections else ("gnss", "file")
+    for (section, key), given in ((receiver, log), (("imu", "file"), imu)):
         values = declared.sections[section].values if section in declared.sections else {}
         name = values.get(key)
         if not isinstance(name, str) or (file.parent / name).resolve() != given.resolve():

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..great.files import rinex_kind
+from ...filters.errors import NavError
+from ..gpstime import to_week_sow
+from ..great.files import first_observation, rinex_kind
 from ..receivers.bags import bag_topics
 from ..receivers.raw_frames import FORMATS, find_frames
 from ..text.rinex_packing import is_packed, unpack
@@ -38,7 +40,21 @@ def kinds_of(path: Path) -> str:
     kind = rinex_kind(path)
     if kind:
         return kind if kind in ("O", "N") else ""
-    return _of_log(path, path.read_bytes()) if b"\0" in head else ""
+    # A log may begin with more text than that: its receiver's NMEA.
+    return _of_log(path, path.read_bytes()) if b"\0" in head or b"$G" in head else ""
+
+
+def with_week(lines: list[Line], observed: Path) -> list[Line]:
+    """Return drafted lines whose question for a week names that of a receiver's observations."""
+    from ..rtklib import given_files
+
+    try:
+        first = first_observation(given_files(observed).observations)
+    except NavError:
+        return lines  # what is wrong with the file, reading it says
+    week, second = (float(v) for v in to_week_sow(first))
+    named = f"week = {week:.0f}: {observed.name} begins at second {second:.0f} of it"
+    return [x._replace(comment=x.comment.replace("week = …", named)) for x in lines]
 
 
 def bag_sections(path: Path, name: str) -> dict[str, list[Line]]:

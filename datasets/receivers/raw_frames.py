@@ -142,6 +142,12 @@ def find_frames(content: bytes) -> Frames:
     return Frames(content, tuple(frames), damaged)
 
 
+def has_frames(content: bytes) -> bool:
+    """Return whether there is any message whose checksum is right."""
+    starts = _START.finditer(content)
+    return any(_READ[content[m.start()]][1](content, m.start()) is not None for m in starts)
+
+
 def _ubx(content: bytes, start: int) -> tuple[int, int] | None:
     stop = start + 8 + int.from_bytes(content[start + 4 : start + 6], "little")
     if stop > len(content):

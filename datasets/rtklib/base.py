@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...filters.earth import C_en_of
-from ...filters.errors import ConfigError, DataError
+from ...filters.errors import ConfigError, DataError, as_given, is_converted
 from ...filters.rotation import FloatArray
 from ..text import rinex_header as header
 from .postpos import post_processed, single_options
@@ -86,7 +86,9 @@ def base_position(file: Path, declared: ArrayLike | None) -> tuple[FloatArray, s
         if found is None:
             return None
         position, line = found
-        source, remedy = f"APPROX POSITION of {file.name}", "declare the base's position"
+        name = Path(as_given(file)).name
+        source = f"{'position in' if is_converted(file) else 'APPROX POSITION of'} {name}"
+        remedy = "declare the base's position"
     if not 6.3e6 < np.linalg.norm(position) < 6.5e6:
         raise DataError(
             f"base position {np.round(position, 3)} m is not on the Earth",
@@ -103,8 +105,11 @@ def refuse_no_position(file: Path, own: OwnMean | None) -> None:
         remedy += (
             f"; its own single-point positions have it at [{where}], to {own.sigma:.0f} m (1σ)"
         )
+    lacks = "its header has no APPROX POSITION XYZ"
+    if is_converted(file):
+        lacks = "its log tells none (in RTCM 3: 1005 or 1006)"
     raise DataError(
-        "no position of the base station: its header has no APPROX POSITION XYZ",
+        f"no position of the base station: {lacks}",
         file=file,
         remedy=remedy,
     )

@@ -15,10 +15,11 @@ from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from .. import gpstime
 from ..observations import GnssObservations
+from ..text.orbit_products import is_product
 from ..text.rinex import check_observations
 from ..text.rinex_repair import readable_rinex
 from .file_names import harmless_name
-from .satellites import GPS_EPOCH_GTIME, broadcast_states, load_navigation, satellite_name
+from .satellites import GPS_EPOCH_GTIME, load_navigation, satellite_name, states_at
 
 _SYSTEMS = {"G": "GPS", "R": "GLONASS", "E": "Galileo", "C": "BeiDou", "J": "QZSS"}
 
@@ -39,7 +40,8 @@ def read_observations(
         Observation file. Doppler is positive when approaching, as RINEX defines it; 0 and blank
         mean missing. BeiDou B1I is reported as '2I', also from RINEX 3.02, which calls it '1I'.
     navigation : sequence of path
-        Broadcast ephemerides of the same days, any mixture of RINEX 2, 3 and 4.
+        Broadcast ephemerides of the same days, any mixture of RINEX 2, 3 and 4. Precise products
+        among them are left to `precise_observations`.
     systems : str
         Constellation letters to keep: G GPS, R GLONASS, E Galileo, C BeiDou, J QZSS.
     signals : {'first', 'all'}
@@ -62,7 +64,8 @@ def read_observations(
     if signals not in ("first", "all"):
         raise ConfigError(f"signals: expected 'first' or 'all', found {signals!r}")
     _known_systems(systems)
-    nav = load_navigation(navigation)
+    broadcast = [file for file in navigation if not (Path(file).is_file() and is_product(file))]
+    nav = load_navigation(broadcast or navigation)
     path = Path(path)
     check_observations(path)
     records = _observation_records(path, systems, codes, 1 if signals == "first" else rtk.NFREQ)
@@ -74,7 +77,7 @@ def read_observations(
     known = frequency > 0.0
     wavelength = SPEED_OF_LIGHT / np.where(known, frequency, rtk.FREQ1_GLO)
     travel = _satellite_pseudorange(whole + fraction, number, pseudorange) / SPEED_OF_LIGHT
-    states = broadcast_states(nav, number, whole, fraction - travel, by_satellite_clock=True)
+    states = states_at(nav, number, whole, fraction - travel, by_satellite_clock=True)
 
     rejected = np.full(number.size, "", dtype="<U20")
     rejected[~states.healthy] = "unhealthy satellite"

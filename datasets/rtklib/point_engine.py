@@ -182,7 +182,8 @@ class PointEngine:
         variance, health = rtk.Arr1Ddouble(1), rtk.Arr1Dint(1)
         time = gtime(self._obs.time[row])
         number = self._number[self._obs.sat[row]]
-        rtk.satpos(time, time, number, rtk.EPHOPT_BRDC, self._nav, state, clock, variance, health)
+        source = self._options.sateph
+        rtk.satpos(time, time, number, source, self._nav, state, clock, variance, health)
         return variance[0]
 
 

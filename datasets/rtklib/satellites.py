@@ -78,7 +78,7 @@ def satellite_states(
             raise DataError(f"satellite: expected constellation and number ('G05'), found '{name}'")
     numbers = np.array([number_of[name] for name in sat], dtype=np.int64)
     whole = np.floor(time)
-    return broadcast_states(nav, numbers, whole + GPS_EPOCH_GTIME, time - whole)
+    return states_at(nav, numbers, whole + GPS_EPOCH_GTIME, time - whole)
 
 
 def gtime(time: float) -> Any:
@@ -97,13 +97,20 @@ def satellite_name(number: int) -> str:
 def load_navigation(paths: Sequence[str | Path]) -> Any:
     """Return RTKLIB's nav_t of the files, read once as long as they do not change.
 
-    Precise orbits (SP3) and clocks (RINEX clock files) may be among them, beside broadcasts: then
+    Precise products (SP3 orbits, RINEX clocks, antennas) may be among them, beside broadcasts: then
     satellites are where these have them, and those they do not have have no ephemeris.
     """
     if isinstance(paths, (str, Path)):
         paths = [paths]
     if not paths:
         raise DataError("no navigation file given", remedy="name the RINEX broadcast ephemerides")
+    if all(Path(path).is_file() and is_product(path) for path in paths):
+        raise DataError(
+            "precise orbits or clocks without broadcast ephemerides, which tell the time of "
+            "transmission, health and group delays",
+            file=paths[0],
+            remedy="give the navigation file of that day as well",
+        )
     for path in paths:
         if not Path(path).is_file():
             raise DataError("navigation file not found", file=path, remedy="check the path")
@@ -114,9 +121,10 @@ def load_navigation(paths: Sequence[str | Path]) -> Any:
 @functools.lru_cache(maxsize=8)
 def _read_navigation(files: tuple[tuple[Path, int, int], ...]) -> Any:
     nav, obs, station = rtk.nav_t(), rtk.obs_t(), rtk.sta_t()
+    products = [path for path, _, _ in files if is_product(path)]
+    _read_products(nav, products)
     for path, _, _ in files:
-        if is_product(path):
-            _read_product(nav, path)
+        if path in products:
             continue
         check_navigation(path)
         known = nav.n, nav.ng
@@ -125,30 +133,45 @@ def _read_navigation(files: tuple[tuple[Path, int, int], ...]) -> Any:
         if (nav.n, nav.ng) == known:
             raise DataError("no ephemeris found", file=path, remedy="check the file's content")
         _refuse_absurd(nav, *known, path)
-    if not nav.n + nav.ng:
-        raise DataError(
-            "precise orbits or clocks without broadcast ephemerides, which tell the time of "
-            "transmission, health and group delays",
-            file=files[0][0],
-            remedy="give the navigation file of that day as well",
-        )
     rtk.uniqnav(nav)
     return nav
 
 
-def _read_product(nav: Any, path: Path) -> None:
-    """Read precise orbits (SP3) or clocks (RINEX clock file)."""
-    kind, known = check_product(path), (nav.ne, nav.nc)
-    # RTKLIB goes by the ending of the name.
-    with tempfile.TemporaryDirectory(prefix="certnav-") as folder:
-        copy = Path(folder) / f"product.{kind}"
-        shutil.copyfile(path, copy)
-        if kind == "sp3":
-            rtk.readsp3(str(copy), nav, 0)
-        else:
-            rtk.readrnxc(str(copy), nav)
-    if (nav.ne, nav.nc) == known:
-        raise DataError("no orbit or clock found", file=path, remedy="check the file's content")
+def load_products(files: Sequence[Path]) -> Any:
+    """Return RTKLIB's nav_t of precise products alone: SP3, RINEX clocks, antennas (ANTEX)."""
+    nav = rtk.nav_t()
+    _read_products(nav, files)
+    return nav
+
+
+def _read_products(nav: Any, files: Sequence[Path]) -> None:
+    antennas = rtk.pcvs_t()
+    for path in files:
+        if not path.is_file():
+            raise DataError("no such file", file=path, remedy="check data.precise")
+        kind, known = check_product(path), (nav.ne, nav.nc, antennas.n)
+        # RTKLIB goes by the ending of the name.
+        with tempfile.TemporaryDirectory(prefix="certnav-") as folder:
+            copy = Path(folder) / f"product.{kind}"
+            shutil.copyfile(path, copy)
+            if kind == "sp3":
+                rtk.readsp3(str(copy), nav, 0)
+            elif kind == "clk":
+                rtk.readrnxc(str(copy), nav)
+            else:
+                rtk.readpcv(str(copy), antennas)
+        if (nav.ne, nav.nc, antennas.n) == known:
+            raise DataError(
+                "no orbit, clock or antenna found", file=path, remedy="check the file's content"
+            )
+    if not nav.ne:
+        return
+    at = nav.peph[nav.ne // 2].time.time
+    for k in range(antennas.n):
+        antenna = antennas.pcv[k]
+        begin, end = antenna.ts.time, antenna.te.time  # 0: open
+        if antenna.sat and begin <= at and (at <= end or not end):
+            nav.pcvs[antenna.sat - 1] = antenna
 
 
 def ephemerides_used(nav: Any) -> int:
@@ -171,20 +194,18 @@ def _refuse_absurd(nav: Any, first: int, first_glonass: int, path: Path) -> None
             )
 
 
-def broadcast_states(
+def states_at(
     nav: Any,
     number: NDArray[np.int64],
     whole: FloatArray,
     fraction: FloatArray,
     by_satellite_clock: bool = False,
-    precise: bool = False,
 ) -> SatelliteStates:
     """Return states at gtime `whole + fraction` (split, so that no digit is lost).
 
-    `by_satellite_clock`: the times are the satellites' own, the states are of t − δt^s. `precise`:
-    of the precise ephemerides in `nav`, which say nothing of health.
+    Of the precise ephemerides where `nav` holds some, which say nothing of health. With
+    `by_satellite_clock` the times are the satellites' own: the states are of t − δt^s.
     """
-    source = rtk.EPHOPT_PREC if precise else rtk.EPHOPT_BRDC
     n = number.size
     samples = np.full((n, 3, 4), np.nan)
     healthy = np.zeros(n, dtype=bool)

@@ -190,6 +190,12 @@ def draw_constellation(time: float, rng: np.random.Generator) -> Ephemerides:
     return drawn.printable()
 
 
+def referred_to(ephemerides: Ephemerides, time: float) -> Ephemerides:
+    """Return the same orbits and clocks referred to the even hour nearest to `time` [s]."""
+    toe = float(round(time / _STEP) * _STEP)
+    return ephemerides if toe == ephemerides.toe else ephemerides.shifted(toe)
+
+
 def write_navigation(path: Path, ephemerides: Ephemerides, start: float, end: float) -> None:
     """Write a RINEX 3.04 GPS navigation file with records every two hours over the run.
 
@@ -213,8 +219,7 @@ def write_navigation(path: Path, ephemerides: Ephemerides, start: float, end: fl
         _header("", "END OF HEADER"),
     ]
     for k in np.arange(first, last + 1):
-        toe = float(k * _STEP)
-        record = ephemerides if toe == ephemerides.toe else ephemerides.shifted(toe)
+        record = referred_to(ephemerides, float(k * _STEP))
         for j in range(len(record.sat)):
             lines += _record(record, j)
     path.write_text("\n".join(lines) + "\n", encoding="ascii")

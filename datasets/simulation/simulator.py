@@ -21,7 +21,7 @@ from ..sequence import Calibration, Sequence
 from ..series import ImuData, Reference
 from .base_station import BaseStation, base_position, simulate_base
 from .canyon import DENSITIES, City
-from .constellation import Ephemerides, draw_constellation
+from .constellation import Ephemerides, draw_constellation, referred_to
 from .sensors import imu_measurements
 from .signals import ReceiverClock, SignalTruth, observe
 from .streets import Drive, RouteConfig, drive
@@ -74,6 +74,19 @@ class SimulationConfig:
         Roll, pitch, heading of the IMU in the vehicle [deg].
     base_distance_m : float, optional
         A base station stands so far from the beginning [m]; default: there is none.
+    sky_seed : int, optional
+        Of the satellites, which drives of one day with the same seed have in common; default: each
+        drive has its own.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig
+    >>> SimulationConfig(density="canyon", seed=3).imu_rate
+    100.0
+    >>> SimulationConfig(duration=1.0)
+    Traceback (most recent call last):
+        ...
+    certnav.filters.errors.ConfigError: duration: expected at least 10 s, found 1
     """
 
     name: str = "simulated"
@@ -97,6 +110,7 @@ class SimulationConfig:
     lever_imu_v: tuple[float, float, float] = (0.5, 0.0, -1.4)
     mounting_rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     base_distance_m: float | None = None
+    sky_seed: int | None = None
 
     def __post_init__(self) -> None:
         for key in ("duration", "imu_rate", "gnss_rate", "reference_rate"):
@@ -147,6 +161,15 @@ class Simulation:
         The IMU's true motion.
     calibration : Calibration
     base : BaseStation, optional
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, simulate
+    >>> drive = simulate(SimulationConfig(duration=10.0, density="open"))
+    >>> drive.gyro_bias.shape == drive.imu.gyro_b.shape  # the truth behind what the sensor reports
+    True
+    >>> drive.sequence().reference.source
+    'simulation truth'
     """
 
     config: SimulationConfig
@@ -219,7 +242,15 @@ def sample_times(config: SimulationConfig, rate: float) -> FloatArray:
 
 
 def simulate(config: SimulationConfig) -> Simulation:
-    """Return the simulated drive of a configuration, in memory."""
+    """Return the simulated drive of a configuration, in memory.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, simulate
+    >>> drive = simulate(SimulationConfig(duration=10.0, density="open", seed=1))
+    >>> len(drive.imu), drive.reference.source
+    (1001, 'simulation truth')
+    """
     start = config.start_time
     route = RouteConfig(
         duration=config.duration,
@@ -247,7 +278,7 @@ def simulate(config: SimulationConfig) -> Simulation:
         config.noise,
         scale_factors=config.scale_factors,
     )
-    ephemerides = draw_constellation(start + 0.5 * config.duration, _stream(config, "sky"))
+    ephemerides = _sky(config)
     clock = ReceiverClock.perfect(start, config.duration)
     if config.receiver_clock:
         clock = ReceiverClock.draw(start, config.duration, _stream(config, "clock"), config.noise)
@@ -279,6 +310,16 @@ def simulate(config: SimulationConfig) -> Simulation:
         calibration=_calibration(spec, lever_b, trajectory),
         base=_base(config, ephemerides),
     )
+
+
+def _sky(config: SimulationConfig) -> Ephemerides:
+    """Return the satellites, referred to the even hour nearest to the middle of the drive."""
+    middle = config.start_time + 0.5 * config.duration
+    if config.sky_seed is None:
+        return draw_constellation(middle, _stream(config, "sky"))
+    noon = (np.floor(config.start_time / 86400.0) + 0.5) * 86400.0
+    rng = np.random.default_rng([config.sky_seed, _STREAMS.index("sky")])
+    return referred_to(draw_constellation(float(noon), rng), middle)
 
 
 def _base(config: SimulationConfig, ephemerides: Ephemerides) -> BaseStation | None:

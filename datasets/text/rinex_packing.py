@@ -14,7 +14,7 @@ import zlib
 from functools import cache
 from pathlib import Path
 
-from ...filters.errors import DataError
+from ...filters.errors import DataError, made_of
 
 _GZIP, _COMPRESS, _ZIP = b"\x1f\x8b", b"\x1f\x9d", b"PK"
 _CRINEX = b"CRINEX VERS   / TYPE"
@@ -72,7 +72,11 @@ def plain_rinex(path: str | Path) -> Path:
         raise DataError("file not found", file=path, remedy="check the name") from None
     except IsADirectoryError:
         raise DataError("expected a file, found a folder", file=path) from None
-    return _unpacked(path.resolve(), path.stat().st_mtime_ns) if is_packed(head) else path
+    if not is_packed(head):
+        return path
+    plain = _unpacked(path.resolve(), path.stat().st_mtime_ns)
+    made_of(plain, path)
+    return plain
 
 
 def plain_name(name: str) -> str:

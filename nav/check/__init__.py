@@ -5,6 +5,7 @@
 
     recording    check: load, test part by part, page
     findings     Finding and Report
+    page         the same as a page, with the motion as it was recorded
     gnss         observations against each other, positions against velocities
     inertial     the IMU by itself: gravity, frozen and clipped values, noise, sampling
     motion       motion as the IMU and as GNSS sees it

@@ -10,6 +10,7 @@ from ...datasets.physics import gyro_unit_ratio
 from ...datasets.sequence import Sequence
 from ...filters.rotation import FloatArray, rpy_from_matrix
 from ...velocity.tracks import Track
+from ...velocity.wheel_speed import wheel_speed
 from .findings import Finding
 from .motion import COURSE_SPEED, Inertial, increments
 from .orientation import CERTAIN, Facing, facing, orientation
@@ -180,6 +181,12 @@ def odometer(sequence: Sequence, track: Track) -> list[Finding]:
     scale = float(np.median(speed / track.speed[known]))
     found = f"speed is {scale:.3f} times that of the GNSS (median)"
     numbers = {"scale": scale}
+    moving = np.isfinite(track.vel_n).all(axis=1)
+    wheels = wheel_speed(data.time, data.speed, track.time[moving], track.speed[moving])
+    if wheels is not None:
+        late = "late" if wheels.delay >= 0.0 else "early"
+        found += f", stamps {late} by {abs(wheels.delay):.3f} ± {wheels.delay_sigma:.3f} s"
+        numbers["delay"] = wheels.delay
     if abs(scale - 1.0) < 0.05:
         return [Finding("note", "odometer", found, numbers=numbers)]
     for factor, words in ((3.6, "in km/h"), (-1.0, "negative when driving forward")):

@@ -11,12 +11,13 @@ from typing import Any
 #: From worst to best. 'fatal': cannot be navigated as it stands. 'doubtful': can, but something
 #: contradicts physics or could not be right. 'note': verified, or not testable, or to declare.
 SEVERITIES = ("fatal", "doubtful", "note")
-_HEADINGS = {
+#: What each of them is, over a list of findings.
+HEADINGS = {
     "fatal": "Fatal: the data cannot be navigated like this",
     "doubtful": "Doubtful",
     "note": "Found in order, or not testable here",
 }
-_MEASURED = "Measured, and other than declared: lines to paste"
+MEASURED = "Measured, and other than declared: lines to paste"
 _WIDTH = 96
 
 
@@ -115,7 +116,7 @@ class Report:
         for severity in SEVERITIES:
             found = [f for f in self.of(severity) if severity != "note" or not f.declare]
             if found:
-                lines += [_HEADINGS[severity], *_items(f"{f.subject}: {f.found}" for f in found)]
+                lines += [HEADINGS[severity], *_items(f"{f.subject}: {f.found}" for f in found)]
                 lines.append("")
         lines += self._measured()
         declare = [f"{f.subject}: {f.remedy}" for f in self.findings if f.remedy]
@@ -130,7 +131,7 @@ class Report:
             if f.declare:
                 said = f.subject if f.severity != "note" else f"{f.subject}: {f.found}"
                 lines += _items([said]) + [f"      {line}" for line in f.declare.splitlines()]
-        return [_MEASURED, *lines, ""] if lines else []
+        return [MEASURED, *lines, ""] if lines else []
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report in types of strict JSON."""

@@ -40,6 +40,9 @@ def inertial_findings(sequence: Sequence, track: Track | None) -> list[Finding]:
     """Return everything the IMU says by itself; `track` only tells when the vehicle stood."""
     imu = sequence.inertial
     windows = _windows(imu)
+    if not windows:
+        found = f"{len(imu)} rows, {imu.time[-1] - imu.time[0]:.2f} s: too short to navigate"
+        return [Finding("fatal", "IMU sampling", found, "give the whole recording")]
     rest = _at_rest(imu, windows, track)
     return [
         *sampling(imu),

@@ -80,6 +80,13 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None, kind: str 
     Report
         What cannot be read is a fatal finding, not an exception.
     """
+    return read_and_checked(path, options, kind)[0]
+
+
+def read_and_checked(
+    path: str | Path, options: Mapping[str, Any] | None = None, kind: str = "car"
+) -> tuple[Report, Sequence | None]:
+    """Return what `check` returns, and the recording it is of; None where it cannot be read."""
     from ...datasets.loading import load
     from .declarations import with_declarations
     from .mounting import mounting_findings  # slow to import, and a run does without
@@ -89,7 +96,7 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None, kind: str 
         with collected_refusals() as refused:
             sequence = load(path, **dict(options or {}))
     except (DataError, ConfigError) as error:
-        return Report(str(path), (), (refusal(error),))
+        return Report(str(path), (), (refusal(error),)), None
     found = check_sequence(sequence, kind=kind)
     if not any(f.severity == "fatal" for f in found):
         holds = VEHICLES[kind].holds_course
@@ -98,7 +105,7 @@ def check(path: str | Path, options: Mapping[str, Any] | None = None, kind: str 
     if VEHICLES[kind].holds_course and not doubted:
         found += mounting_findings(sequence)
     found = with_declarations(found, sequence, path, options or {})
-    return Report(str(path), contents(sequence), in_order(found))
+    return Report(str(path), contents(sequence), in_order(found)), sequence
 
 
 def refusal(error: NavError) -> Finding:
@@ -166,6 +173,8 @@ def _imu(sequence: Sequence, found: Tracks, kind: str) -> Iterator[Finding]:
     """Test the IMU by itself, then its time, then, with time put right, its axes."""
     if sequence.imu is None:
         remedy = "a run needs accelerometers and gyros; speed and yaw rate only serve alignment"
+        if sequence.rover_file is not None:
+            remedy = "name the IMU's file beside the receiver's: certnav run FILE --imu IMU.csv"
         yield Finding("fatal", "IMU", "none in this recording", remedy)
         return
     by_itself = inertial_findings(sequence, found.gnss)

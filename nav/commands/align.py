@@ -70,10 +70,10 @@ def run(arguments: argparse.Namespace) -> None:
     from ...filters.errors import ConfigError
     from ..config import Config
     from ..results.summary import strict
+    from ..sweep.drives import checked_load
     from ..windows.options import WindowOptions
     from ..windows.recording import align_recording
     from ..windows.report import as_dict, draw, table, write_proofs
-    from .navigation import checked_load
 
     options = WindowOptions(
         window=arguments.window,

@@ -24,13 +24,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECTION.KEY=VALUE",
         help="reader option (data.KEY), or vehicle.kind; repeatable",
     )
+    parser.add_argument("--html", type=Path, metavar="FILE", help="also write it as a page")
     parser.add_argument("--json", action="store_true", help="print JSON instead of the page")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check a recording; return 1 if it cannot be navigated."""
     from ...filters.errors import ConfigError
-    from ..check.recording import check
+    from ..check.recording import read_and_checked
     from ..config_files import load_config
 
     config = load_config(None, arguments.set)
@@ -38,7 +39,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError(
             "--set: expected data.KEY=VALUE, an option of the reader, or vehicle.kind"
         )
-    report = check(arguments.path, config.data, config.vehicle.kind)
+    report, sequence = read_and_checked(arguments.path, config.data, config.vehicle.kind)
+    if arguments.html is not None:
+        from ...datasets.placing import write_file
+        from ..check.page import build_page  # slow to import
+
+        write_file(arguments.html, build_page(report, sequence).encode())
     if arguments.json:
         print(json.dumps(report.as_dict(), indent=2, ensure_ascii=False, allow_nan=False))
     else:

@@ -19,19 +19,20 @@ from collections.abc import Iterator
 
 from ...filters.errors import NavError
 from .terminal.parser import Parser
-from .terminal.progress import QUIET
+from .terminal.progress import silent
 
 #: In the order of ``certnav --help``.
 COMMANDS = (
-    "run", "check", "declare", "datasets", "align", "verify", "study", "tune", "compare", "report",
-    "simulate", "demo", "allan",
+    "run", "check", "declare", "datasets", "great", "align", "verify", "study", "tune", "compare",
+    "report", "simulate", "demo", "allan",
 )  # fmt: skip
 
 
 #: How commands end, as ``certnav --help`` has it.
 STATUS = """exit status:
   0    done
-  1    refused in one line on standard error: nothing was written; of check: a fatal finding
+  1    refused in one line on standard error: nothing was written; of check: a fatal finding;
+       of great: a recording or a step failed, the pages say which
   2    the command line itself is wrong
   3    run: the solution was lost and not found again; the result says where
   130  interrupted: nothing was written"""
@@ -86,19 +87,12 @@ def _quiet(arguments: argparse.Namespace) -> Iterator[None]:
     if not arguments.quiet:
         yield
         return
-    before = os.environ.get(QUIET)
-    os.environ[QUIET] = "1"
-    try:
+    with silent():
         if getattr(arguments, "json", False):
             yield
         else:
             with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
                 yield
-    finally:
-        if before is None:
-            del os.environ[QUIET]
-        else:
-            os.environ[QUIET] = before
 
 
 class _Version(argparse.Action):

@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--reports", action="store_true",
-        help="draw the report of every run, too: most of the time (certnav report DIR draws one)",
+        help="draw the report of every run, too: most of the time",
     )  # fmt: skip
     parser.add_argument(
         "--unchecked", action="store_true", help="compare even if the data contradict physics"
@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Compare, write page and result directories, and say what came out."""
-    from ...datasets.cache import kept_in
+    from ...datasets.loading import load
     from ...datasets.placing import written_whole
     from ..compare.comparison import compare
     from ..compare.methods import parse_methods
@@ -81,7 +81,6 @@ def run(arguments: argparse.Namespace) -> None:
     from ..compare.report import check_replaceable, write_page
     from ..config_files import load_config
     from ..spells.outages import parse_outages
-    from .navigation import checked_load
     from .terminal.progress import progress
 
     _check(arguments)
@@ -90,23 +89,21 @@ def run(arguments: argparse.Namespace) -> None:
     out: Path = arguments.out.resolve()
     check_replaceable(out)
     with written_whole(out) as draft:
-        with progress() as report, kept_in(out.parent / ".certnav-cache"):
+        with progress() as report:
             if arguments.reference is not None:
                 judge = Judge.from_file(arguments.reference, arguments.week)
                 others = read_others(arguments.result, arguments.week)
                 comparison = side_by_side(others, judge, arguments.settle)
             else:
-                drives = [
-                    checked_load(path, config, checked=not arguments.unchecked)
-                    for path in arguments.path
-                ]
                 week = arguments.week
                 if arguments.result and week is None:
-                    week = _week(drives[0])
+                    week = _week(load(arguments.path[0], **config.data))
                 others = read_others(arguments.result, week)
                 comparison = compare(
-                    drives, methods, outages, config, others=others, settle=arguments.settle,
+                    arguments.path, methods, outages, config, others=others,
+                    settle=arguments.settle,
                     seeds=arguments.seeds, out=draft, draw=_report if arguments.reports else None,
+                    checked=not arguments.unchecked, cache=out.parent / ".certnav-cache",
                     jobs=arguments.jobs, scheduler=arguments.scheduler, progress=report,
                 )  # fmt: skip
         write_page(comparison, draft)

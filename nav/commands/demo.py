@@ -24,7 +24,7 @@ def run(arguments: argparse.Namespace) -> None:
     from ...datasets.simulation.simulator import SimulationConfig
     from ..config import Config
     from ..results.directory import check_replaceable
-    from .navigation import navigate_folder
+    from .flow.navigation import navigate_folder
 
     out: Path = arguments.out
     check_replaceable(out)  # before a minute is spent on it

@@ -46,6 +46,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(gnss.position = rtk)",
     )  # fmt: skip
     parser.add_argument(
+        "--precise", action="append", default=[], metavar="FILE",
+        help="precise orbits (SP3), clocks or antennas (ANTEX); repeatable (data.precise)",
+    )  # fmt: skip
+    parser.add_argument(
         "--great", metavar="NAME",
         help="the folder is this GREAT sequence (campus-01 …): take what the catalogue knows of it",
     )  # fmt: skip
@@ -80,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ...filters.errors import ConfigError, DataError
     from ..config_files import load_config
     from ..results.formats import parse_formats
-    from .navigation import navigate_folder
+    from .flow.navigation import navigate_folder
 
     smooth = ["filter.smooth=true"] if arguments.smooth else []
     config = load_config(arguments.config, [*arguments.set, *smooth])
@@ -89,6 +93,9 @@ def run(arguments: argparse.Namespace) -> int:
             raise DataError("no such file or folder", file=arguments.base, remedy="check --base")
         gnss = dataclasses.replace(config.gnss, base=str(arguments.base), position="rtk")
         config = dataclasses.replace(config, gnss=gnss)
+    if arguments.precise:
+        data = {**config.data, "precise": arguments.precise}
+        config = dataclasses.replace(config, data=data)
     path = arguments.path
     if arguments.imu is not None:
         from ..drafting import measured_draft

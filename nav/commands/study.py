@@ -28,6 +28,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--epochs", type=int, default=200, metavar="N", help="of an outage, for Table 4 [200]"
     )
+    parser.add_argument(
+        "--precise", action="append", default=[], type=Path, metavar="FILE",
+        help="precise orbits (SP3), clocks or antennas (ANTEX): what they cover is studied with "
+        "them beside broadcast ephemerides; repeatable",
+    )  # fmt: skip
     parser.add_argument("--config", type=Path, metavar="FILE", help="configuration (TOML)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="data.KEY=VALUE",
@@ -61,8 +66,8 @@ def run(arguments: argparse.Namespace) -> None:
     with progress() as report:
         report(0.0, f"{len(arguments.path)} recordings")
         found = study(
-            arguments.path, options, data=dict(config.data), jobs=arguments.jobs,
-            scheduler=arguments.scheduler, progress=report,
+            arguments.path, options, data=dict(config.data), precise=arguments.precise,
+            jobs=arguments.jobs, scheduler=arguments.scheduler, progress=report,
         )  # fmt: skip
     out = write_study(found, arguments.out)
     if arguments.json:

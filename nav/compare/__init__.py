@@ -11,7 +11,8 @@
     directories    result directories made elsewhere, merged into a comparison
     report         the page: its verdict, and what each step bought
     sections       its tables
-    figures        its pictures
+    panels         its plots
+    figures        the same for a paper
     exports        the same figures as CSV and LaTeX
 
 The names below are imported when they are first asked for.

@@ -13,6 +13,7 @@ the start was found with, the start is found anew, without it.
 from __future__ import annotations
 
 import dataclasses
+import threading
 import uuid
 from collections.abc import Callable, Iterable, Iterator
 from collections.abc import Sequence as Listing
@@ -22,7 +23,9 @@ from pathlib import Path
 import numpy as np
 
 from ...datasets.sequence import Sequence
+from ...datasets.series import Reference
 from ...filters.errors import DataError, NavError
+from ...filters.rotation import FloatArray
 from ..config import Config
 from ..engine.prepared import Found, Key, Prepared
 from ..evaluation.accuracy import evaluate
@@ -31,17 +34,25 @@ from ..results.directory import write_result
 from ..solution import AlignmentReport, Solution
 from ..spells.degradation import degrade
 from ..spells.drift import as_reference
+from ..spells.judged import Seen, judged_spells
 from ..spells.outages import Outages, Spell, in_spells
-from ..sweep import in_parallel
+from ..sweep.drives import Source, checked_drive
+from ..sweep.parallel import in_parallel
+from ..sweep.shared import Shared, itself
 from .directories import write_sidecar
 from .methods import Method, solve
 from .others import Judge, Other, judged, notes_of
 from .runs import Comparison, Run, reduced, thin_track
 
-#: After alignment, before the first periodic spell [s]: a filter needs to settle.
-SETTLE = 10.0
-#: What this process has computed last: the runs over one recording come one after the other.
-_LAST: dict[str, Prepared] = {}
+
+class _Last(threading.local):
+    """What this thread has computed last: the runs over a recording come one after the other."""
+
+    key: str = ""
+    prepared: Prepared | None = None
+
+
+_LAST = _Last()
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +60,7 @@ class _Variant:
     """One drive with one set of spells, and what is known of it before."""
 
     key: str
+    drive: str
     alignment: AlignmentReport
     starts: dict[Key, Found]
     config: Config
@@ -62,7 +74,7 @@ class _Variant:
 
 
 def compare(
-    sequences: Iterable[Sequence],
+    sources: Iterable[Source],
     methods: Listing[Method],
     outages: Outages,
     config: Config,
@@ -72,6 +84,8 @@ def compare(
     seeds: int = 1,
     out: Path | None = None,
     draw: Callable[[Path], object] | None = None,
+    checked: bool = True,
+    cache: Path | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -80,8 +94,9 @@ def compare(
 
     Parameters
     ----------
-    sequences : iterable of Sequence
-        With an IMU.
+    sources : iterable of path or Sequence
+        With an IMU. A path is opened by the process that needs it, with the reader's options of
+        `config`.
     methods : list of Method
     outages : Outages
     config : Config
@@ -97,11 +112,15 @@ def compare(
         drive and shift below it. Only the first draw is written.
     draw : callable, optional
         Adds pages to each of them, for example `nav.report.run.write_report`.
+    checked : bool
+        Whether to refuse data that contradict physics.
+    cache : Path, optional
+        Folder of `datasets.cache` for what is slow to read; for processes of this machine.
     jobs : int
         Processes; −1 for all processors.
     scheduler : str, optional
-        Address of a Dask scheduler; the runs are spread over its workers. With `out`, they have
-        to see the same file system.
+        Address of a Dask scheduler; the runs are spread over its workers, which have to see the
+        paths that are given, and `out`.
     progress : callable, optional
         Told the fraction done and what is being done.
 
@@ -111,49 +130,52 @@ def compare(
         If a drive cannot be navigated even without spells, or no spell fits.
     """
     say = progress or (lambda fraction, what: None)
-    sequences = _named(list(sequences))
+    drives = [
+        checked_drive(source, config, checked, None if scheduler else cache) for source in sources
+    ]
     draws = range(seeds if outages.is_random else 1)
-    several = len(sequences) * len(outages.shifts) > 1
-    notes, reference = [], {}
-    judges: list[Judge] = []
-    calls: list[tuple[_Variant, tuple[Method, ...], Sequence]] = []
+    several = len(drives) * len(outages.shifts) > 1
+    notes = []
     if seeds > 1 and not outages.is_random:
         notes.append(f"{outages.text} draws nothing: one run instead of {seeds} seeds")
-    for k, sequence in enumerate(sequences):
-        say(k / len(sequences), "without spells")
-        drive = _judged(sequence, config, methods)
-        assert drive.sequence.reference is not None
-        notes += [f"{sequence.name}: {note}" for note in drive.notes]
-        reference[sequence.name] = thin_track(drive.sequence.reference.pos_e)
-        judges.append(Judge.of(drive.sequence))
-        first, last = sequence.span
-        quiet = 0.0 if np.isfinite(outages.start) else SETTLE
+    first_runs = [(drive, config, tuple(methods), bool(others)) for drive in drives]
+    found: list[_Drive] = []
+    for one in in_parallel(_without_spells, first_runs, jobs=jobs, scheduler=scheduler):
+        found.append(one)
+        say(len(found) / len(drives), "without spells")
+    found = _named(found)
+    calls: list[tuple[_Variant, tuple[Method, ...], Shared, Shared]] = []
+    for drive, one in zip(drives, found, strict=True):
+        notes += [f"{one.name}: {note}" for note in one.notes]
+        judge = Shared(itself, (one.made,))
         for shift in outages.shifts:
-            spells = outages.spells(first, last, drive.alignment.time + quiet, shift)
-            place = f"{sequence.name}@{shift:g}" if several else ""
+            spells, said = judged_spells(outages, one.seen, one.alignment.time, shift)
+            place = f"{one.name}@{shift:g}" if several else ""
+            notes += [f"{place or one.name}: {note}" for note in said]
             for seed in draws:
                 variant = _Variant(
-                    uuid.uuid4().hex, drive.alignment, _untouched(drive.starts, spells), config,
-                    outages, spells, seed,
+                    uuid.uuid4().hex, one.name, one.alignment, _untouched(one.starts, spells),
+                    config, outages, spells, seed,
                     f"@{shift:g} seed {seed}" if outages.is_random else f"@{shift:g}",
                     out if seed == 0 else None, place, draw,
                 )  # fmt: skip
-                calls += [(variant, group, drive.sequence) for group in _passes(methods)]
+                calls += [(variant, group, drive, judge) for group in _passes(methods)]
     order = {method.name: k for k, method in enumerate(methods)}
     runs: list[Run] = []
     total = len(calls)
-    shared = list({id(sequence): sequence for *_, sequence in calls}.values())
-    what = f"{len(methods)} methods on {len(reference)} drive{'s' if len(reference) > 1 else ''}"
-    done = in_parallel(_carry_out, calls, jobs=jobs, scheduler=scheduler, shared=shared)
-    for k, found in enumerate(done):
-        runs += found
+    what = f"{len(methods)} methods on {len(found)} drive{'s' if len(found) > 1 else ''}"
+    done = in_parallel(_carry_out, calls, jobs=jobs, scheduler=scheduler)
+    for k, group in enumerate(done):
+        runs += group
         say((k + 1) / total, what)
-    _LAST.clear()
+    _LAST.key, _LAST.prepared = "", None
     runs.sort(key=lambda run: order[run.method])
+    judges = [one.judge for one in found if one.judge is not None]
     for other in others:
         runs += _wherever(other, judges, settle)
     notes += notes_of(others, settle)
     definitions = {other.name: other.sentence for other in others}
+    reference = {one.name: one.track for one in found}
     return Comparison(
         tuple(runs), reference, outages.text, tuple(dict.fromkeys(notes)), definitions
     )  # fmt: skip
@@ -184,27 +206,42 @@ def _untouched(starts: dict[Key, Found], spells: Listing[Spell]) -> dict[Key, Fo
     return {key: found for key, found in starts.items() if found[0].known < first}
 
 
-def _named(sequences: list[Sequence]) -> list[Sequence]:
-    """Return the sequences with different names."""
-    names = [s.name for s in sequences]
+def _named(drives: list[_Drive]) -> list[_Drive]:
+    """Return the drives with different names."""
+    names = [d.name for d in drives]
     if len(set(names)) == len(names):
-        return sequences
-    return [dataclasses.replace(s, name=f"{s.name}-{k + 1}") for k, s in enumerate(sequences)]
+        return drives
+    out = []
+    for k, one in enumerate(drives):
+        name = f"{one.name}-{k + 1}"
+        judge = one.judge and dataclasses.replace(one.judge, name=name)
+        out.append(dataclasses.replace(one, name=name, judge=judge))
+    return out
 
 
 @dataclass(frozen=True, eq=False)
 class _Drive:
-    """A drive with a reference to judge by, how it starts, and what there is to say."""
+    """What is known of a drive from its run without spells.
 
-    sequence: Sequence
+    `made` takes the place of a reference that is missing; `judge` is there for others' results.
+    """
+
+    name: str
+    seen: Seen
     alignment: AlignmentReport
     starts: dict[Key, Found]
     notes: tuple[str, ...]
+    track: FloatArray
+    made: Reference | None
+    judge: Judge | None
 
 
-def _judged(sequence: Sequence, config: Config, methods: Listing[Method]) -> _Drive:
+def _without_spells(
+    sequence: Sequence, config: Config, methods: Listing[Method], others: bool
+) -> _Drive:
     """Navigate without spells."""
     prepared = Prepared(sequence)
+    made = None
     if sequence.reference is None:
         smoothing = dataclasses.replace(config.filter, smooth=True)
         whole = dataclasses.replace(config, filter=smoothing)
@@ -215,10 +252,9 @@ def _judged(sequence: Sequence, config: Config, methods: Listing[Method]) -> _Dr
     if undisturbed.installation is not None:
         notes.append(f"+vehicle, as configured: {undisturbed.installation}")
     if sequence.reference is None:
-        judge = as_reference(
+        made = as_reference(
             best.trajectory, "the smoothed solution without spells: NOT independent"
         )
-        sequence = dataclasses.replace(sequence, reference=judge)
         notes.append("no reference: judged by the smoothed solution without spells")
     else:
         notes.append(f"judged by {sequence.reference.source}")
@@ -229,7 +265,17 @@ def _judged(sequence: Sequence, config: Config, methods: Listing[Method]) -> _Dr
             except NavError as error:
                 notes.append(f"no certified start: {error}")
             break
-    return _Drive(sequence, undisturbed.alignment, prepared.starts, tuple(notes))
+    judged_by = _with_judge(sequence, made)
+    assert judged_by.reference is not None
+    return _Drive(
+        sequence.name, Seen.of(judged_by), undisturbed.alignment, prepared.starts, tuple(notes),
+        thin_track(judged_by.reference.pos_e), made, Judge.of(judged_by) if others else None,
+    )  # fmt: skip
+
+
+def _with_judge(sequence: Sequence, made: Reference | None) -> Sequence:
+    """Return a recording with the reference it is judged by."""
+    return sequence if made is None else dataclasses.replace(sequence, reference=made)
 
 
 def _in_short(solution: Solution, sequence: Sequence) -> str:
@@ -242,29 +288,31 @@ def _in_short(solution: Solution, sequence: Sequence) -> str:
     )
 
 
-def _carry_out(variant: _Variant, methods: tuple[Method, ...], sequence: Sequence) -> list[Run]:
+def _carry_out(
+    variant: _Variant, methods: tuple[Method, ...], sequence: Sequence, made: Reference | None
+) -> list[Run]:
     """Run methods that share a pass; what goes wrong knowingly is in the run."""
     try:
-        prepared = _prepared(variant, sequence)
+        prepared = _prepared(variant, sequence, made)
         if methods[0].kind == "windows":
             return [_windows(prepared.sequence, variant, methods[0])]
         solved = list(_solved(variant, methods, prepared))
         return [_run(variant, *each, prepared.sequence) for each in solved]
     except NavError as error:
-        return [Run(m.name, sequence.name, variant.name, reason=str(error)) for m in methods]
+        return [Run(m.name, variant.drive, variant.name, reason=str(error)) for m in methods]
 
 
-def _prepared(variant: _Variant, sequence: Sequence) -> Prepared:
+def _prepared(variant: _Variant, sequence: Sequence, made: Reference | None) -> Prepared:
     """Return the drive with its spells, and what all methods have in common on it."""
-    if variant.key not in _LAST:
+    if variant.key != _LAST.key or _LAST.prepared is None:
         gnss = variant.config.gnss
+        whole = dataclasses.replace(_with_judge(sequence, made), name=variant.drive)
         degraded = degrade(
-            sequence, variant.spells, variant.outages, seed=variant.seed,
+            whole, variant.spells, variant.outages, seed=variant.seed,
             min_cn0_dbhz=gnss.min_cn0_dbhz, elevation_mask_deg=gnss.elevation_mask_deg,
         )  # fmt: skip
-        _LAST.clear()
-        _LAST[variant.key] = Prepared(degraded, variant.starts)
-    return _LAST[variant.key]
+        _LAST.key, _LAST.prepared = variant.key, Prepared(degraded, variant.starts)
+    return _LAST.prepared
 
 
 def _solved(

@@ -1,4 +1,4 @@
-"""The pictures of a comparison: drift per spell, drift against time since loss, tracks."""
+"""The figures of a comparison for a paper: drift per spell, against time since loss, tracks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COLOURS = {
 _OTHERS = (SKY, "#CC79A7", INK)
 _LINES = {"": "-", "+vehicle": "--", "+smooth": ":", "+vehicle+smooth": "-."}
 #: Below this nothing in a comparison of metres matters, and a logarithm needs an end [m].
-_LEAST = 0.1
+LEAST = 0.1
 
 
 def style_of(method: str, methods: list[str]) -> tuple[str, str]:
@@ -31,8 +31,13 @@ def style_of(method: str, methods: list[str]) -> tuple[str, str]:
     return _OTHERS[unknown.index(method) % len(_OTHERS)], "-"
 
 
+def spells_by_run(comparison: Comparison, method: str) -> list[tuple[Run, SpellFigures]]:
+    """Return the spells of a method, each with its run."""
+    return [(run, spell) for run in comparison.of(method) for spell in run.spells]
+
+
 def _spells(comparison: Comparison, method: str) -> list[SpellFigures]:
-    return [spell for run in comparison.of(method) for spell in run.spells]
+    return [spell for _, spell in spells_by_run(comparison, method)]
 
 
 def drift_figure(comparison: Comparison) -> Figure | None:
@@ -42,7 +47,7 @@ def drift_figure(comparison: Comparison) -> Figure | None:
     figure = Figure(figsize=(WIDTH, 0.9 + 0.27 * len(methods)))
     axes = figure.subplots()
     for k, method in enumerate(methods):
-        drift = np.maximum([s.drift for s in _spells(comparison, method)], _LEAST / 2)
+        drift = np.maximum([s.drift for s in _spells(comparison, method)], LEAST / 2)
         colour, _ = style_of(method, methods)
         axes.plot(drift, np.full(drift.size, k), "o", color=colour, markersize=4, alpha=0.35,
                   markeredgewidth=0)  # fmt: skip
@@ -72,7 +77,7 @@ def growth_figure(comparison: Comparison) -> Figure | None:
         size = max(s.since.size for s in spells)
         curves = np.full((len(spells), size), np.nan)
         for curve, spell in zip(curves, spells, strict=True):
-            curve[: spell.since.size] = np.maximum(spell.growth, _LEAST)
+            curve[: spell.since.size] = np.maximum(spell.growth, LEAST)
         since = np.arange(size, dtype=float)
         for curve in curves[:60]:
             axes.plot(since, curve, color=colour, linewidth=0.5, alpha=0.35)
@@ -81,7 +86,7 @@ def growth_figure(comparison: Comparison) -> Figure | None:
         axes.plot(since, np.nanmedian(curves, axis=0), color=colour, linewidth=2.2)
         axes.set_title(method)
         axes.set_yscale("log")
-        axes.set_ylim(bottom=_LEAST)
+        axes.set_ylim(bottom=LEAST)
     for axes in grid[:, 0]:
         axes.set_ylabel("drift [m]")
     for axes in grid[-1]:
@@ -108,13 +113,13 @@ def track_figure(comparison: Comparison) -> Figure | None:
         judged = comparison.reference.get(name)
         origin = (judged if judged is not None else next(iter(runs.values())).track)[0]
         if judged is not None:
-            east, north = _metres(judged, origin)
+            east, north = metres(judged, origin)
             axes.plot(east, north, color="#111111", linewidth=5.0, alpha=0.25, label="reference")
         for method, run in runs.items():
-            east, north = _metres(run.track, origin)
+            east, north = metres(run.track, origin)
             colour, line = style_of(method, comparison.methods)
             axes.plot(east, north, color=colour, linestyle=line, linewidth=1.1, label=method)
-        shown = _metres(judged if judged is not None else next(iter(runs.values())).track, origin)
+        shown = metres(judged if judged is not None else next(iter(runs.values())).track, origin)
         middle = np.array([(v.min() + v.max()) / 2 for v in shown])
         half = 0.6 * max(20.0, *(float(np.ptp(v)) for v in shown))
         axes.set_aspect("equal", adjustable="box")
@@ -129,8 +134,12 @@ def track_figure(comparison: Comparison) -> Figure | None:
     return figure
 
 
-def _metres(track: FloatArray, origin: FloatArray) -> tuple[FloatArray, FloatArray]:
+def metres(track: FloatArray, origin: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return metres east and north of `origin` on a sphere: for drawing, to a few per mille."""
     per_degree = np.radians(1.0) * 6.371e6
     east = (track[:, 0] - origin[0]) * per_degree * np.cos(np.radians(origin[1]))
     return east, (track[:, 1] - origin[1]) * per_degree
+
+
+#: Name of the file, and drawing.
+FIGURES = (("drift", drift_figure), ("growth", growth_figure), ("tracks", track_figure))

@@ -10,14 +10,19 @@ from typing import Any
 from ...datasets.placing import write_file
 from ...filters.errors import DataError
 from ..page import document
+from ..page.pictures import save
+from ..page.plots import Plots
 from ..page.quantities import length
+from ..page.tables import Column, Table
 from ..results.summary import strict
 from ..spells.drift import statistics
 from . import exports, sections
+from .figures import FIGURES
 from .intervals import FEWEST, LEVEL, change
 from .runs import TOGETHER, Comparison, Run, as_dict, drifts, figures_of, spells_of, tables
 
 PAGE, DATA = "comparison.html", "comparison.json"
+_TABLES = ("comparison.csv", "spells.csv", "comparison.tex")
 
 Tables = list[tuple[str, dict[str, list[Run]]]]
 Figures = list[tuple[str, dict[str, Any]]]
@@ -58,7 +63,10 @@ def check_replaceable(out: Path) -> None:
 
 
 def write_page(comparison: Comparison, out: Path) -> Path:
-    """Write the page, the figures as JSON, CSV and LaTeX into `out`; return the page's path."""
+    """Write the page, its numbers as JSON, CSV and LaTeX, and figures as PDF into `out`.
+
+    Returns the page's path.
+    """
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     text = json.dumps(strict(as_dict(comparison)), indent=2, ensure_ascii=False, allow_nan=False)
@@ -71,6 +79,8 @@ def write_page(comparison: Comparison, out: Path) -> Path:
     }
     for name, content in files.items():
         write_file(out / name, content.encode())
+    for name, draw in FIGURES:
+        save(draw, comparison, out / f"{name}.pdf")
     return out / PAGE
 
 
@@ -82,24 +92,26 @@ def build_page(comparison: Comparison) -> str:
         (name, {m: figures_of(runs) for m, runs in by_method.items() if runs})
         for name, by_method in found
     ]
+    plots = Plots()
     body = "\n".join(
         [
             f"<h1>{escape(title)}</h1>",
             f'<p class="meta">{escape(_what(comparison))}</p>',
             _verdict(comparison, found, figures),
             sections.methods(comparison),
-            sections.drift(comparison, figures),
+            sections.drift(comparison, figures, plots),
             _steps_section(found),
-            sections.growth(comparison),
-            sections.tracks(comparison),
+            sections.growth(comparison, plots),
+            sections.tracks(comparison, plots),
             sections.errors(figures),
             sections.consistency(figures),
             sections.updates(figures),
             sections.headings(figures),
             sections.notes(comparison),
+            document.files_beside((DATA, *_TABLES, *(f"{name}.pdf" for name, _ in FIGURES))),
         ]
     )
-    return document.document(f"{title}: methods compared · certnav", body)
+    return document.document(f"{title}: methods compared · certnav", *plots.fill(body))
 
 
 def _what(comparison: Comparison) -> str:
@@ -203,11 +215,16 @@ def _steps_section(found: Tables) -> str:
                     for d in (one, two))  # fmt: skip
             if changed is not None and a is not None and b is not None:
                 said = in_words(*changed, short=True)
-                rows.append((what, f"{before} → {after}", length(a), length(b), said))
+                rows.append((what, f"{before} → {after}", a, b, said))
         if rows:
-            head = ["step", "", "drift before", "after", "after in % of before"]
-            title = f"<h3>{escape(name)}</h3>\n" if len(found) > 1 else ""
-            parts.append(title + document.table(head, rows, numbers_from=2))
+            several = len(found)
+            table = Table(
+                sections.file_name("steps", name, several), f"What each step bought, {name}",
+                (Column("step"), Column("from → to"), Column("drift before", "m", "3"),
+                 Column("after", "m", "3"), Column("after in % of before")),
+                tuple(rows), words=2,
+            )  # fmt: skip
+            parts.append(sections.under(name, table.html(), several))
     if not parts:
         return ""
     return (

@@ -1,22 +1,33 @@
-"""The tables and pictures of a comparison's page, recording by recording."""
+"""The tables and plots of a comparison's page, recording by recording."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable
 from html import escape
 from typing import Any
 
-import numpy as np
-
 from ..page import document
-from ..page.quantities import duration, length, percent, quantity
-from .figures import drift_figure, growth_figure, track_figure
+from ..page.plots import Plots
+from ..page.quantities import duration
+from ..page.tables import Column, Table
+from . import panels
 from .intervals import FEWEST, LEVEL
 from .runs import TOGETHER, Comparison, durations_agree, spells_of
 
 #: Each recording, and the figures of its methods.
 Figures = list[tuple[str, dict[str, Any]]]
 Row = tuple[object, ...]
+
+_METHOD, _INTERVAL = Column("method"), f"{100 * LEVEL:.0f} % interval of the RMS"
+
+
+def _metres(title: str) -> Column:
+    return Column(title, "m", "3")
+
+
+def _degrees(title: str) -> Column:
+    return Column(title, "°", "3")
 
 
 def methods(comparison: Comparison) -> str:
@@ -25,39 +36,43 @@ def methods(comparison: Comparison) -> str:
     if not rows:
         return ""
     table = document.table(["method", "what it does"], rows, numbers_from=2)
-    return f"<h2>Methods</h2>\n{table}"
+    switches = Plots.switches(panels.samples(comparison), "Methods")
+    return f"<h2>Methods</h2>\n{table}\n<p>Shown in the plots below:</p>{switches}"
 
 
-def drift(comparison: Comparison, figures: Figures) -> str:
+def drift(comparison: Comparison, figures: Figures, plots: Plots) -> str:
     """Return the drift per spell."""
-    head = ["method", "spells", "median", "RMS", f"{100 * LEVEL:.0f} % interval", "95 % of spells",
-            "largest error, RMS", "at end, median", "velocity, RMS", "heading, RMS"]  # fmt: skip
+    columns = (
+        _METHOD, Column("spells"), _metres("median"), _metres("RMS"),
+        Column(f"{_INTERVAL}, from", "m", "3"), _metres("to"), _metres("95 % of spells"),
+        _metres("largest error, RMS"), _metres("at end, median"),
+        Column("velocity, RMS", "m/s", "3"),
+        _degrees("heading, RMS"),
+    )  # fmt: skip
 
     def row(name: str, f: dict[str, Any]) -> Row | None:
         d, m, v = f["drift_m"], f["max_error_m"], f["velocity_error_mps"]
         if d["median"] is None:
             return None
         return (
-            name, f["spells"], length(d["median"]), length(d["rms_of_maxima"]),
-            _interval(f["drift_interval_m"]), length(d["p95"]), length(m["rms_of_maxima"]),
-            length(f["final_error_m"]["median"]), quantity(v["rms_of_maxima"], "m/s"),
-            quantity(f["heading_drift_deg"]["rms_of_maxima"], "°"),
+            name, f["spells"], d["median"], d["rms_of_maxima"],
+            *(f["drift_interval_m"] or (None, None)), d["p95"], m["rms_of_maxima"],
+            f["final_error_m"]["median"], v["rms_of_maxima"],
+            f["heading_drift_deg"]["rms_of_maxima"],
         )  # fmt: skip
 
-    tables = _tables(head, figures, row)
+    tables = _tables("drift", "Drift per spell", columns, figures, row)
     if not tables:
         return ""
-    image = document.image(
-        drift_figure, comparison, "Drift per method",
-        "Each dot a spell; bar: median; diamond: RMS of maxima. Logarithmic.",
-    )  # fmt: skip
+    drawn = plots.cells(panels.drift(comparison, plots), "Drift of every spell by method")
     return (
         "<h2>Drift per spell</h2>\n<p>How far the horizontal error has moved since the spell "
-        "began, at its worst: max |e(t) − e(t₀)|. The interval is that of the RMS, by bootstrap "
-        f"over the spells; of fewer than {FEWEST} stretches of road there is none. The further "
+        "began, at its worst: max |e(t) − e(t₀)|. The interval is by bootstrap over the spells; "
+        f"of fewer than {FEWEST} stretches of road there is none. The further "
         "columns: largest horizontal error, horizontal error at the end of the spell, largest "
         "horizontal velocity error, and change of the heading error."
-        f"{_why_apart(comparison, figures)}</p>\n{tables}\n{image}"
+        f'{_why_apart(comparison, figures)}</p>\n{tables}\n<p class="note">Each dot a spell; '
+        f"bar: median; diamond: RMS of maxima. Logarithmic.</p>{drawn}"
     )
 
 
@@ -73,65 +88,76 @@ def _why_apart(comparison: Comparison, figures: Figures) -> str:
     )
 
 
-def growth(comparison: Comparison) -> str:
+def growth(comparison: Comparison, plots: Plots) -> str:
     """Return the drift against time since loss."""
-    image = document.image(
-        growth_figure, comparison, "Drift against time since loss",
-        "Thin: every spell; shaded: from the smallest to the largest; thick: median. Logarithmic, "
-        "ends at 0.1 m.",
-    )  # fmt: skip
-    return f"<h2>Drift against time since loss</h2>\n{image}" if image else ""
+    found = panels.growth(comparison, plots)
+    if not found:
+        return ""
+    medians, *apart = found
+    first = plots.cells([medians], "Median drift against time since loss")
+    rest = plots.cells(apart, "Drift against time since loss", columns=4)
+    return (
+        '<h2>Drift against time since loss</h2>\n<p class="note">Medians of all methods, then each '
+        "with its spells: thin: every spell; shaded: from the smallest to the largest. Logarithmic "
+        f"from 0.1 m on; axes are shared.</p>\n{first}\n{rest}"
+    )
 
 
-def tracks(comparison: Comparison) -> str:
+def tracks(comparison: Comparison, plots: Plots) -> str:
     """Return the tracks of all methods."""
-    return "<h2>Tracks</h2>\n" + document.image(
-        track_figure, comparison, "Tracks of all methods",
-        "First variant of each drive. Wide grey: what it is judged by. The map covers the "
-        "reference; what leaves it is cut off.",
-    )  # fmt: skip
+    found = panels.tracks(comparison, plots)
+    if not found:
+        return ""
+    return (
+        '<h2>Tracks</h2>\n<p class="note">First variant of each drive. Wide grey: what it is '
+        "judged by, which the map shows at first.</p>\n"
+        + plots.cells(found, "Tracks of all methods, north up", columns=2)
+    )
 
 
 def errors(figures: Figures) -> str:
     """Return the errors over the whole drive."""
-    head = ["method", "horizontal RMS", "95 %", "largest", "up RMS", "3D RMS", "velocity RMS",
-            "roll RMS", "pitch RMS", "heading RMS", "– misalignment removed", "available",
-            "within 5 m"]  # fmt: skip
+    columns = (
+        _METHOD, _metres("horizontal RMS"), _metres("95 %"), _metres("largest"), _metres("up RMS"),
+        _metres("3D RMS"), Column("velocity RMS", "m/s", "3"), _degrees("roll RMS"),
+        _degrees("pitch RMS"), _degrees("heading RMS"), _degrees("heading, misalignment removed"),
+        Column("available", "%", ".3g"), Column("within 5 m", "%", ".3g"),
+    )  # fmt: skip
+    keys = (
+        "horizontal_rms_m", "horizontal_p95_m", "horizontal_max_m", "up_rms_m",
+        "position_3d_rms_m", "velocity_3d_rms_mps", "roll_rms_deg", "pitch_rms_deg",
+        "heading_rms_deg", "heading_rms_after_misalignment_deg",
+    )  # fmt: skip
 
     def row(name: str, f: dict[str, Any]) -> Row | None:
-        e = f["errors"]
-        if e["horizontal_rms_m"] is None:
+        if f["errors"]["horizontal_rms_m"] is None:
             return None
-        return (
-            name, length(e["horizontal_rms_m"]), length(e["horizontal_p95_m"]),
-            length(e["horizontal_max_m"]), length(e["up_rms_m"]),
-            length(e["position_3d_rms_m"]), quantity(e["velocity_3d_rms_mps"], "m/s"),
-            *(quantity(e[f"{angle}_rms_deg"], "°") for angle in ("roll", "pitch", "heading")),
-            quantity(e["heading_rms_after_misalignment_deg"], "°"),
-            _share(f["availability"]), _share(f["within_5_m"]),
-        )  # fmt: skip
+        shares = (None if f[k] is None else 100.0 * f[k] for k in ("availability", "within_5_m"))
+        return (name, *(f["errors"][k] for k in keys), *shares)
 
     alone = [(name, table) for name, table in figures if name != TOGETHER]
     return (
         "<h2>Errors over the whole drive</h2>\n<p>Spells and all; where a method has several runs "
         "on a recording, the median of their figures. Available: epochs with a solution that is "
-        f"not merely the last one held.</p>\n{_tables(head, alone, row)}"
+        "not merely the last one held.</p>\n"
+        + _tables("errors", "Errors over the whole drive", columns, alone, row)
     )
 
 
 def consistency(figures: Figures) -> str:
     """Return what the covariances were worth."""
-    head = ["method", "position in spells (ideal 3)", "outside (ideal 3)", "velocity (ideal 3)",
-            "heading (ideal 1)", "NIS per dof (ideal 1)"]  # fmt: skip
+    columns = (
+        _METHOD, Column("position in spells (ideal 3)", "", "3"),
+        Column("outside (ideal 3)", "", "3"), Column("velocity (ideal 3)", "", "3"),
+        Column("heading (ideal 1)", "", "3"), Column("NIS per dof (ideal 1)", "", "3"),
+    )  # fmt: skip
     keys = ("nees_in", "nees_out", "nees_velocity", "nees_heading", "nis_mean")
 
     def row(name: str, f: dict[str, Any]) -> Row | None:
         c = f["consistency"]
-        if all(v is None for v in c.values()):
-            return None
-        return (name, *(quantity(c.get(k), "") for k in keys))
+        return None if all(v is None for v in c.values()) else (name, *(c.get(k) for k in keys))
 
-    tables = _tables(head, figures, row)
+    tables = _tables("consistency", "Squared error over the stated variance", columns, figures, row)
     if not tables:
         return ""
     return (
@@ -143,18 +169,22 @@ def consistency(figures: Figures) -> str:
 
 def updates(figures: Figures) -> str:
     """Return what each method used."""
-    head = ["method", "update", "offered", "accepted", "", "NIS per dof"]
+    columns = (
+        _METHOD, Column("update"), Column("offered"), Column("accepted"),
+        Column("accepted", "%", ".3g"), Column("NIS per dof", "", "3"),
+    )  # fmt: skip
     parts = []
-    for name, table in figures:
-        rows = [
-            (method if k == 0 else "", kind, u["offered"], u["accepted"],
-             percent(u["accepted"], u["offered"]), quantity(u["nis_mean"], ""))
-            for method, f in table.items()
-            for k, (kind, u) in enumerate(f["updates"].items())
-        ]  # fmt: skip
+    for name, by_method in figures:
+        rows = tuple(
+            (method, kind, u["offered"], u["accepted"],
+             100.0 * u["accepted"] / u["offered"] if u["offered"] else None, u["nis_mean"])
+            for method, f in by_method.items()
+            for kind, u in f["updates"].items()
+        )  # fmt: skip
         if rows and name != TOGETHER:
-            title = f"<h3>{escape(name)}</h3>\n" if len(figures) > 1 else ""
-            parts.append(title + document.table(head, rows, numbers_from=2))
+            file = file_name("updates", name, len(figures))
+            table = Table(file, f"What each method used, {name}", columns, rows, words=2)
+            parts.append(under(name, table.html(), len(figures)))
     if not parts:
         return ""
     return (
@@ -165,22 +195,23 @@ def updates(figures: Figures) -> str:
 
 def headings(figures: Figures) -> str:
     """Return the headings of sliding-window alignment."""
-    head = ["method", "windows", "passed", "of these heading MAE", "largest", "all: heading MAE",
-            "largest", "begin in spells",
-            "of these solved", "heading MAE in spells"]  # fmt: skip
+    columns = (
+        _METHOD, Column("windows", "", "g"), Column("passed", "", "g"),
+        _degrees("of these heading MAE"), _degrees("largest"), _degrees("all: heading MAE"),
+        _degrees("largest"), Column("begin in spells", "", "g"),
+        Column("of these solved", "", "g"), _degrees("heading MAE in spells"),
+    )  # fmt: skip
+    keys = (
+        "windows", "passed", "mae_passed_deg", "largest_passed_deg", "mae_deg", "max_deg",
+        "windows_in_spells", "solved_in_spells", "mae_in_spells_deg",
+    )  # fmt: skip
 
     def row(name: str, f: dict[str, Any]) -> Row | None:
         w = f.get("alignment_windows")
-        if not w:
-            return None
-        return (
-            name, f"{w['windows']:g}", f"{w['passed']:g}", quantity(w["mae_passed_deg"], "°"),
-            quantity(w["largest_passed_deg"], "°"), quantity(w["mae_deg"], "°"),
-            quantity(w["max_deg"], "°"), f"{w['windows_in_spells']:g}",
-            f"{w['solved_in_spells']:g}", quantity(w["mae_in_spells_deg"], "°"),
-        )  # fmt: skip
+        return (name, *(w[k] for k in keys)) if w else None
 
-    tables = _tables(head, [each for each in figures if each[0] != TOGETHER], row)
+    alone = [each for each in figures if each[0] != TOGETHER]
+    tables = _tables("headings", "Heading of sliding-window alignment", columns, alone, row)
     return f"<h2>Heading of sliding-window alignment</h2>\n{tables}" if tables else ""
 
 
@@ -196,21 +227,25 @@ def notes(comparison: Comparison) -> str:
 
 
 def _tables(
-    head: Sequence[str], figures: Figures, row: Callable[[str, dict[str, Any]], Row | None]
-) -> str:
+    file: str, caption: str, columns: tuple[Column, ...], figures: Figures,
+    row: Callable[[str, dict[str, Any]], Row | None],
+) -> str:  # fmt: skip
     """Return one table a recording, each under its name where there are several."""
     parts = []
-    for name, table in figures:
-        rows: Iterable[Row] = [r for m, f in table.items() if (r := row(m, f)) is not None]
+    for name, by_method in figures:
+        rows = tuple(r for m, f in by_method.items() if (r := row(m, f)) is not None)
         if rows:
-            title = f"<h3>{escape(name)}</h3>\n" if len(figures) > 1 else ""
-            parts.append(title + document.table(head, rows))
+            several = len(figures)
+            table = Table(file_name(file, name, several), f"{caption}, {name}", columns, rows)
+            parts.append(under(name, table.html(), several))
     return "\n".join(parts)
 
 
-def _interval(ends: tuple[float, float] | None) -> str:
-    return "–" if ends is None else f"{quantity(ends[0], '')} … {length(ends[1])}"
+def file_name(file: str, name: str, several: int) -> str:
+    """Return the name of a table's files, with the recording's where there are several."""
+    return file if several == 1 else f"{file}_{re.sub(r'[^A-Za-z0-9-]+', '_', name)}"
 
 
-def _share(value: float | None) -> str:
-    return "–" if value is None or not np.isfinite(value) else f"{100.0 * value:.3g} %"
+def under(name: str, table: str, several: int) -> str:
+    """Return a table under the recording's name where there are several."""
+    return f"<h3>{escape(name)}</h3>\n{table}" if several > 1 else table

@@ -16,7 +16,7 @@ from ...filters.error_model import ATT, GYRO_BIAS
 from ...filters.levers import rate_over_earth
 from ...filters.measurements import Measurement
 from ...filters.rotation import skew
-from ...velocity.ddia import AidedVelocity
+from ...velocity.aided_velocity import AidedVelocity
 from ...velocity.vehicle_motion import ForwardMotion, forward_motion
 
 #: 1σ of a car's velocity across its own axis, per axis [m/s]: sideslip and suspension.

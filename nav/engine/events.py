@@ -56,6 +56,16 @@ class GnssEvent:
         Whether the ambiguities of a position's carrier phases are resolved.
     ranges : Biases, optional
         What an error of each pseudorange does to a position, and what its residuals say of it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import lla_to_ecef
+    >>> from certnav.nav import GnssEvent
+    >>> pos_e, cov_e = lla_to_ecef(0.5, 2.0, 30.0), 4.0 * np.eye(3)
+    >>> fix = GnssEvent(1331164800.0, "position", pos_e, cov_e, ("G01", "G05", "G07", "G12"))
+    >>> fix.kind, fix.reason == ""  # it can be used
+    ('position', True)
     """
 
     time: float

@@ -344,7 +344,8 @@ def _doppler(
         offer = None
         if len(kept):
             here_e, known = where.at(np.array([time]))[0], where.sigma_at(np.array([time]))
-            offer = DopplerEpoch(at, here_e, kept, float(known[0]), where.assumed)
+            given = (float(where.time[0]), float(where.sigma[0])) if where.assumed else None
+            offer = DopplerEpoch(at, here_e, kept, float(known[0]), given)
         if found.ok:
             # Four satellites fit any velocity; one reflected among them is not rare.
             cov = inflated(found.cov_e, scale, floor if found.dof else np.hypot(floor, _UNCHECKED))

@@ -195,6 +195,9 @@ def told(made: list[Leg], end: float, why_no_more: str) -> tuple[str, list[Note]
     """
     notes = []
     for leg, following in zip(made, [*made[1:], None], strict=True):
+        if leg.start.doubt:
+            when = clock(leg.start.state.time)
+            notes.append(Note("doubtful", f"start at {when}: {leg.start.doubt}"))
         if not leg.lost:
             continue
         text = f"at {clock(leg.until)}: {leg.lost}"

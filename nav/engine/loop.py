@@ -189,7 +189,8 @@ class FilterLoop:
                 update = self._apply(event)
             self._sanity.look(self.kalman)
             if event.kind == "velocity":
-                self._heading.take(event, self.kalman)
+                agreed = update.satellites if update.accepted else ()
+                self._heading.take(event, self.kalman, agreed)
                 refused = self._patience["velocity"].lasted >= _EVIDENT
                 self._heading.look(self.kalman, refused)
         self.updates.append(update)

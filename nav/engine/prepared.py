@@ -10,6 +10,8 @@ import dataclasses
 import time
 from collections.abc import Mapping
 
+import numpy as np
+
 from ...datasets.sequence import Sequence
 from ...filters.errors import AlignmentError
 from ...filters.strapdown import InertialStream
@@ -134,6 +136,10 @@ def course_over(
 ) -> Course:
     """Return what a run over a recording is made of, its start still to be found."""
     vehicle = VehicleConstraints(sequence.calibration, config.vehicle, sequence.odometer)
+    known = [e for e in timeline.events if e.kind == "velocity" and not e.reason]
+    vehicle.measure(
+        np.array([e.time for e in known]), np.array([np.linalg.norm(e.value_e) for e in known])
+    )
     model = error_model(
         sequence.calibration, config, odometer=vehicle.odometer is not None,
         doppler=any(e.observations is not None for e in timeline.events),

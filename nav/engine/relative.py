@@ -143,13 +143,10 @@ def _base_apart(found: RelativePositions) -> float:
 def _notes(found: RelativePositions, resolution: Resolution) -> tuple[Note, ...]:
     """Return what there is to say: shares, ratio, the base, and what is doubtful of them."""
     r = resolution
-    counts = {"fixed": r.fixed, "float": r.floating, "dgps": r.dgps, "single": r.single}
-    said = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
-    if r.fixed:
-        said += f"; ratio {r.ratio_median:.1f} (median), {r.ratio_p5:.1f} (5 %)"
+    said = r.shares + (f" (median), {r.ratio_p5:.1f} (5 %)" if r.fixed else "")
     where = np.array2string(found.base_pos_e, precision=3, separator=", ")
     text = (
-        f"RTK: {said or 'no positions'}; {r.direction}, {r.frequencies} frequencies of "
+        f"RTK: {said}; {r.direction}, {r.frequencies} frequencies of "
         f"{r.systems}; base at {where} m ({found.base_source})"
     )
     own = found.base_own
@@ -170,7 +167,11 @@ def _notes(found: RelativePositions, resolution: Resolution) -> tuple[Note, ...]
             f"RTK: {r.contradicted} relative positions contradict their pseudoranges: the "
             "single-point ones stay"
         )
-        notes.append(Note("note", text))
+        # A reflection contradicts some; what contradicts most is a base that stands elsewhere.
+        most = r.contradicted > r.fixed + r.floating + r.dgps
+        if most:
+            text += f". Is the base's position right ({found.base_source})?"
+        notes.append(Note("doubtful" if most else "note", text))
     without = Counter(reason for _, reason in found.failed)
     if without:
         lacking = ", ".join(f"{n} {reason}" for reason, n in without.most_common())

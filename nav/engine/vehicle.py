@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,10 +15,14 @@ from ...filters.error_model import GYRO_BIAS, VEL
 from ...filters.measurements import Measurement
 from ...filters.rotation import FloatArray
 from ...filters.standstill import rate_at_rest
+from ...velocity.wheel_speed import WheelSpeed, wheel_speed
 from ..config import VehicleConfig
 from ..installation import AntennaPlace, Installation
+from ..notes import Note
 from ..vehicles import VEHICLES
 
+#: Wear and pressure of tyres change the scale by less; the filter's own estimate begins with 2 %.
+_TYRES = 0.06
 #: A standstill is only believed where the filter's own speed allows it: a car that cruises on a
 #: smooth road is as quiet as one that stands.
 _SLOW, _KNOWN = 0.5, 1.0
@@ -50,6 +55,46 @@ class VehicleConstraints:
         known = bool(calibration.mounting_source) or self.nhc
         wanted = config.odometer == "on" or (config.odometer == "auto" and known)
         self.odometer = odometer if wanted and odometer is not None else None
+        self.wheels: WheelSpeed | None = None
+
+    def measure(self, time: FloatArray, speed: FloatArray) -> None:
+        """Take out of the odometer's stamps, and a scale beyond tyres, what GNSS shows of them.
+
+        Parameters
+        ----------
+        time, speed : ndarray, shape (m,)
+            Of the vehicle, as GNSS has it [s], [m/s].
+        """
+        if self.odometer is None:
+            return
+        self.wheels = wheel_speed(self.odometer.time, self.odometer.speed, time, speed)
+        if self.wheels is not None:
+            scale = self.wheels.scale if self._other_unit else 1.0
+            self.odometer = dataclasses.replace(
+                self.odometer,
+                time=self.odometer.time - self.wheels.delay,
+                speed=self.odometer.speed * scale,
+            )
+
+    @property
+    def _other_unit(self) -> bool:
+        return self.wheels is not None and abs(self.wheels.scale - 1.0) > _TYRES
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What was found of the odometer, and is taken out."""
+        found = self.wheels
+        if found is None:
+            return ()
+        late = "late" if found.delay >= 0.0 else "early"
+        text = (
+            f"odometer: stamps {late} by {abs(found.delay):.3f} ± {found.delay_sigma:.3f} s "
+            f"against GNSS velocities, taken out; speed is {found.scale:.4g} ± "
+            f"{found.scale_sigma:.1g} times what it says"
+        )
+        if not self._other_unit:
+            return (Note("note", f"{text}, estimated on"),)
+        return (Note("doubtful", f"{text}, and is taken so: declare its unit"),)
 
     @property
     def nhc(self) -> bool:

@@ -35,7 +35,7 @@ from ...filters.rotation import (
     rpy_from_matrix,
     wrap_angle,
 )
-from ..solution import Epochs, Solution, Trajectory, Update
+from ..solution import Solution, Trajectory, Update
 from .interpolation import covered, interpolate
 
 #: Error figures every evaluation has; None where the reference does not tell.
@@ -78,6 +78,12 @@ class Evaluation:
         Reference epochs the solution does not cover.
     source, point : str
         What made the reference, and which point of the vehicle it follows.
+
+    Examples
+    --------
+    >>> from certnav.nav.evaluation.accuracy import without_reference
+    >>> without_reference().has_reference, without_reference().metrics["horizontal_rms_m"]
+    (False, None)
     """
 
     metrics: dict[str, float | None]
@@ -125,6 +131,17 @@ def evaluate(solution: Solution, sequence: Sequence, *, max_gap: float = 1.0) ->
     ------
     DataError
         If there is a reference but the solution covers none of its epochs.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, load
+    >>> from certnav.datasets.great.writer import simulate_folder
+    >>> from certnav.nav import Config, evaluate, navigate
+    >>> folder = simulate_folder(SimulationConfig("city", duration=90.0, density="open"), "city")
+    >>> sequence = load(folder)
+    >>> solution = navigate(sequence, Config())
+    >>> evaluate(solution, sequence).metrics["horizontal_rms_m"] < 3.0  # [m]
+    True
     """
     if sequence.reference is None:
         return without_reference(normalised_nis(solution.updates))
@@ -324,20 +341,6 @@ def normalised_nis(updates: Listing[Update], kind: str | None = None) -> float |
         if u.accepted and not u.reason and np.isfinite(u.nis) and kind in (None, u.kind)
     ]
     return float(np.mean(ratios)) if ratios else None
-
-
-def usable_at(epochs: Epochs, time: FloatArray) -> np.ndarray:
-    """Return the usable satellites in force at `time`: those of the last GNSS epoch.
-
-    An epoch stays in force for 2.5 median epoch intervals; after that, and before the first
-    epoch, 0. Where there are no epochs at all (a set of fixes) the count is unknown: −1.
-    """
-    if epochs.time.size == 0:
-        return np.full(time.shape, -1)
-    step = float(np.median(np.diff(epochs.time))) if epochs.time.size > 1 else np.inf
-    last = np.searchsorted(epochs.time, time + 1e-6, side="right") - 1
-    held = (last >= 0) & (time - epochs.time[np.clip(last, 0, None)] <= 2.5 * step)
-    return np.where(held, epochs.usable[np.clip(last, 0, None)], 0)
 
 
 def standard_deviation(cov: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray, matrix_from_rotvec
-from ..solution import Trajectory
+from ..solution import Epochs, Trajectory
 
 
 def covered(node_time: FloatArray, time: FloatArray, max_gap: float) -> np.ndarray:
@@ -83,3 +83,17 @@ def interpolate(trajectory: Trajectory, time: FloatArray) -> Trajectory:
         std_accel_bias=linear(trajectory.std_accel_bias),
         protection=linear(trajectory.protection),
     )
+
+
+def usable_at(epochs: Epochs, time: FloatArray) -> np.ndarray:
+    """Return the usable satellites in force at `time`: those of the last GNSS epoch.
+
+    An epoch stays in force for 2.5 median epoch intervals; after that, and before the first
+    epoch, 0. Where there are no epochs at all (a set of fixes) the count is unknown: −1.
+    """
+    if epochs.time.size == 0:
+        return np.full(time.shape, -1)
+    step = float(np.median(np.diff(epochs.time))) if epochs.time.size > 1 else np.inf
+    last = np.searchsorted(epochs.time, time + 1e-6, side="right") - 1
+    held = (last >= 0) & (time - epochs.time[np.clip(last, 0, None)] <= 2.5 * step)
+    return np.where(held, epochs.usable[np.clip(last, 0, None)], 0)

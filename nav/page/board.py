@@ -1,9 +1,9 @@
-"""Interactive plots of a page: linked in time, with one look, carried by the page itself (Bokeh).
+"""Interactive plots that are linked in time.
 
-    board = Board(start=gps_time_of_the_recording, end=seconds)
+    board = Board(start=gps_time_of_the_recording, begin=0.0, end=seconds)
     plot = board.panel("north error [m]")
-    board.band(plot, t, low, high); board.line(plot, t, y, BLUE, "error")
-    page = document("…", board.fill(body + board.place([[plot]])), board.script())
+    board.band(plot, t, low, high, SKY); board.line(plot, t, y, BLUE, "error")
+    page = document("…", *board.fill(body + board.place([[plot]], "…")))
 
 All panels share one time axis, seconds since `start`; hovering tells GPS time and seconds of week
 as well. What a reader zooms to is the selected span: ``page.js`` writes its figures.
@@ -11,16 +11,10 @@ as well. What a reader zooms to is the selected span: ``page.js`` writes its fig
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
-from html import escape
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from bokeh.embed import components
-from bokeh.layouts import gridplot
-from bokeh.model import Model
 from bokeh.models import (
     BoxAnnotation,
     BoxSelectTool,
@@ -30,8 +24,6 @@ from bokeh.models import (
     CustomJS,
     CustomJSHover,
     HoverTool,
-    Legend,
-    LegendItem,
     PanTool,
     Range1d,
     ResetTool,
@@ -40,18 +32,17 @@ from bokeh.models import (
     WheelZoomTool,
 )
 from bokeh.plotting import figure
-from bokeh.resources import Resources
+from numpy.typing import NDArray
 
 from ...datasets.gpstime import to_calendar, to_week_sow
 from ...filters.rotation import FloatArray
+from ..notes import times_in
 from .pictures import INK
-
-_FONT = '"Source Sans 3", "Segoe UI", "Helvetica Neue", Helvetica, Arial, sans-serif'
-_GRID, _AXIS, _QUIET = "#E4E7EB", "#A7AEB8", "#5B6673"
+from .plots import Plots, look
 
 
-class Board:
-    """The plots of one page.
+class Board(Plots):
+    """The plots of one page that is about a stretch of time.
 
     Parameters
     ----------
@@ -62,6 +53,7 @@ class Board:
     """
 
     def __init__(self, start: float, begin: float, end: float) -> None:
+        super().__init__()
         end = max(end, begin + 1e-3)
         self.start = start
         room = 0.01 * (end - begin)
@@ -70,7 +62,6 @@ class Board:
             name="time",
         )  # fmt: skip
         self._crosshair = Span(dimension="height", line_color=INK, line_alpha=0.5, line_width=1)
-        self._placed: list[Model] = []
         self._spans = 0
         self._clock = _clock(start)
 
@@ -114,15 +105,19 @@ class Board:
         *,
         cut: Iterable[int] = (),
         scale: bool = False,
+        full: str = "",
         **style: Any,
     ) -> None:
         """Draw a line, broken before the indices `cut`; hovering it tells time and value.
 
-        With `scale` the ordinate follows what of it is in sight.
+        With `scale` the ordinate follows what of it is in sight; `full` names the column of the
+        page's own table that has all of a line that was thinned.
         """
         at = np.asarray(list(cut), dtype=int)
-        columns = {"t": np.insert(t, at, np.nan), "y": np.insert(y, at, np.nan).astype("f4")}
-        source = ColumnDataSource(columns, tags=["scale"] if scale else [])
+        columns = {"t": _single(np.insert(t, at, np.nan)), "y": _single(np.insert(y, at, np.nan))}
+        source = ColumnDataSource(columns, tags=["scale"] * scale)
+        if full:
+            source.tags.append(f"full:{full}")
         style = {"line_width": 1.4, "line_join": "round"} | style
         if t.size == 1:
             drawn = plot.scatter("t", "y", source=source, color=colour, size=5)
@@ -145,7 +140,7 @@ class Board:
         label: str = "±3σ",
     ) -> None:  # fmt: skip
         """Fill what lies between `low` and `high`."""
-        source = ColumnDataSource({"t": t, "low": low.astype("f4"), "high": high.astype("f4")})
+        source = ColumnDataSource({"t": _single(t), "low": _single(low), "high": _single(high)})
         drawn = plot.varea("t", "low", "high", source=source, fill_color=colour, fill_alpha=0.3)
         self.legend(plot, label, [drawn])
 
@@ -157,82 +152,42 @@ class Board:
         right = left + np.array([w for _, w in spans])
         plot.vstrip(left, right, fill_color=colour, line_color=None, level="image")
 
+    def button(self, text: str) -> str:
+        """Return a button that shows the span whose times a text names; '' where it names none."""
+        times = [time - self.start for time in times_in(text, self.start)]
+        if not times:
+            return ""
+        return (
+            f' <button type="button" data-from="{min(times):.2f}" data-to="{max(times):.2f}">'
+            "show</button>"
+        )
+
     @staticmethod
-    def legend(plot: figure, label: str, drawn: list[Any]) -> None:
-        """Name what was drawn, over the plot and out of its way."""
-        if not label:
-            return
-        if not plot.legend:
-            plot.add_layout(
-                Legend(
-                    orientation="horizontal", location="right", border_line_color=None,
-                    background_fill_alpha=0.0, padding=0, margin=0, spacing=14, glyph_width=16,
-                    label_text_font_size="12px", label_text_color=INK, label_text_font=_FONT,
-                    click_policy="hide", label_height=14, glyph_height=14,
-                ),
-                "above",
-            )  # fmt: skip
-        plot.legend[0].items.append(LegendItem(label=label, renderers=drawn))
+    def zooming() -> str:
+        """Return the controls of the time axis of all plots, for mouse and keyboard."""
+        return (
+            "<label>Selected span, s since start: "
+            '<input id="span-from" type="number" step="any" aria-label="from"></label> … '
+            '<input id="span-to" type="number" step="any" aria-label="to"> '
+            '<button type="button" id="span-back" aria-label="earlier">◀</button>'
+            '<button type="button" id="span-on" aria-label="later">▶</button>'
+            '<button type="button" id="span-in" aria-label="zoom in">+</button>'
+            '<button type="button" id="span-out" aria-label="zoom out">−</button>'
+            '<button type="button" id="span-whole">whole</button>'
+        )
 
     def place(self, rows: Sequence[Sequence[figure]], alt: str, stretch: bool = True) -> str:
-        """Return where in the page a grid of plots goes; `alt` says what they show.
-
-        Without `stretch` plots keep their size, where shape is what they show.
-        """
+        """Return where a grid of plots goes; the time axis has its name below the last of them."""
         for plot in rows[-1]:
             if plot.x_range is self.time:
                 plot.xaxis.axis_label = "time since start [s]"
                 plot.height += 18
-        model = (
-            gridplot(
-                [list(row) for row in rows], sizing_mode="stretch_width", merge_tools=True,
-                toolbar_location="above", toolbar_options={"logo": None},
-            )
-            if stretch
-            else rows[0][0]
-        )  # fmt: skip
-        self._placed.append(model)
-        return (
-            f'<div class="plot" role="img" aria-label="{escape(alt)}">'
-            f"<!--plot {len(self._placed) - 1}--></div>"
-        )
-
-    def fill(self, body: str) -> tuple[str, str]:
-        """Return the page's body with its plots in place, and the scripts that draw them."""
-        if not self._placed:
-            return body, ""
-        script, places = components(tuple(self._placed), wrap_script=False)
-        numbers: dict[str, str] = {}
-        script = _renumbered(script, numbers)
-        for k, place in enumerate(places):
-            body = body.replace(f"<!--plot {k}-->", _renumbered(place, numbers))
-        library = Resources(mode="inline", components=["bokeh"]).render_js()
-        own = files(__package__).joinpath("page.js").read_text(encoding="utf-8")
-        return body, f"{library}\n<script>\n{own}\n{script}\n</script>"
+        return super().place(rows, alt, stretch)
 
 
-def look(plot: figure) -> None:
-    """Give a plot the look of all: quiet axes, light grid, letters that can be read."""
-    plot.background_fill_color = plot.border_fill_color = None
-    plot.outline_line_color = None
-    plot.title.text_font, plot.title.text_font_size = _FONT, "13px"
-    plot.title.text_color, plot.title.text_font_style = INK, "normal"
-    plot.axis.axis_label_text_font = plot.axis.major_label_text_font = _FONT
-    plot.axis.axis_label_text_font_style = "normal"
-    plot.axis.axis_label_text_font_size = plot.axis.major_label_text_font_size = "12px"
-    plot.axis.axis_label_text_color = plot.axis.major_label_text_color = _QUIET
-    plot.axis.axis_line_color = plot.axis.major_tick_line_color = _AXIS
-    plot.axis.minor_tick_line_color = None
-    plot.grid.grid_line_color = _GRID
-
-
-def _renumbered(text: str, numbers: dict[str, str]) -> str:
-    """Return a text in which Bokeh's identifiers, other in every run, count from one."""
-
-    def number(found: re.Match) -> str:
-        return f'"{numbers.setdefault(found[1], f"p{len(numbers) + 1}")}"'
-
-    return re.sub(r'"(p\d+|[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12})"', number, text)
+def _single(values: FloatArray) -> NDArray[np.float32]:
+    """Return what is drawn with the digits that can be seen: of a day's times 0.01 s."""
+    return values.astype(np.float32)
 
 
 def _clock(start: float) -> CustomJSHover:

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import base64
+from collections.abc import Iterable, Sequence
 from html import escape
-from typing import TypeVar
-
-from matplotlib.figure import Figure
-
-from .pictures import render
-
-T = TypeVar("T")
+from typing import NamedTuple
 
 _STYLE = """
 :root { --ink: #1f2933; --quiet: #5b6673; --rule: #dfe3e8; --accent: #0072b2; }
@@ -23,7 +18,7 @@ h2 { font-size: 19px; margin: 44px 0 6px; padding-top: 14px; border-top: 1px sol
 h3 { font-size: 15px; margin: 18px 0 4px; }
 p { margin: 4px 0 10px; max-width: 90ch; }
 .meta { max-width: none; }
-.meta, figcaption, .note { color: var(--quiet); font-size: 14px; }
+.meta, .note { color: var(--quiet); font-size: 14px; }
 .verdict { font-size: 17px; line-height: 1.5; margin: 18px 0; padding: 2px 0 2px 16px;
   border-left: 4px solid var(--accent); max-width: 92ch; }
 .verdict strong { font-weight: 600; }
@@ -33,23 +28,34 @@ p { margin: 4px 0 10px; max-width: 90ch; }
 .cards b { display: block; font-size: 24px; font-weight: 600; line-height: 1.25; }
 .cards span { color: var(--quiet); font-size: 13px; }
 .split { display: grid; grid-template-columns: minmax(0, 720px) minmax(0, 1fr); gap: 32px; }
-figure { margin: 8px 0 0; }
-figure img { display: block; width: 100%; height: auto; }
-.wide { overflow-x: auto; }
 .wide td.n { white-space: nowrap; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 14px; }
-th, td { padding: 4px 14px 4px 0; text-align: left; vertical-align: top;
+th, td { padding: 4px 12px 4px 0; text-align: left; vertical-align: top;
   border-bottom: 1px solid var(--rule); }
 thead th { color: var(--quiet); font-weight: 600; font-size: 13px; }
 tbody th { font-weight: 400; }
-td.n, th.n { text-align: right; padding-left: 10px; }
+td.n, th.n { text-align: right; padding: 4px 8px 4px 6px; }
 .split table { width: 100%; }
-.wide { overflow-x: auto; max-width: 100%; }
+.wide { overflow-x: auto; max-width: 100%;  /* a shadow where more is to the right or left */
+  background: linear-gradient(90deg, #fff 30%, #fff0) 0 0, linear-gradient(270deg, #fff 30%, #fff0)
+    100% 0, linear-gradient(90deg, #1f293326, #1f293300) 0 0, linear-gradient(270deg, #1f293326,
+    #1f293300) 100% 0; background-repeat: no-repeat; background-size: 40px 100%, 40px 100%,
+    14px 100%, 14px 100%; background-attachment: local, local, scroll, scroll; }
 table.sortable thead th { cursor: pointer; }
 table.sortable thead th[aria-sort="ascending"]::after { content: " ▲"; font-size: 9px; }
 table.sortable thead th[aria-sort="descending"]::after { content: " ▼"; font-size: 9px; }
 .two { display: grid; grid-template-columns: minmax(0, 1fr) minmax(0, 1fr); gap: 24px; }
 .plot { margin: 6px 0 0; overflow: hidden; }
+.cells { display: grid; gap: 10px 20px;
+  grid-template-columns: repeat(var(--columns, 1), minmax(0, 1fr)); }
+.switches { margin: 10px 0; position: sticky; top: 0; z-index: 20; background: #fffffff0;
+  padding: 6px 0; }
+.switches svg { margin-right: 6px; vertical-align: middle; }
+button[data-series][aria-pressed="true"] { background: #fff; color: var(--ink); }
+button[data-series][aria-pressed="false"] { color: var(--quiet); border-style: dashed;
+  text-decoration: line-through; }
+.downloads { gap: 4px 14px; font-size: 13px; margin: 4px 0 12px; }
+.fatal, .doubtful { font-weight: 600; } .fatal { color: #a33f00; }
 .controls { display: flex; flex-wrap: wrap; gap: 6px 10px; align-items: center; max-width: none; }
 .span { position: sticky; top: 0; z-index: 20; background: #fffffff0; padding: 6px 0;
   border-bottom: 1px solid var(--rule); margin: 18px 0 6px; }
@@ -65,18 +71,32 @@ pre { background: #f5f6f8; padding: 14px 16px; overflow-x: auto;
   font-size: 13px; line-height: 1.45; }
 summary { cursor: pointer; }
 @media (max-width: 900px) { .split { grid-template-columns: minmax(0, 1fr); }
-  .two { grid-template-columns: minmax(0, 1fr); } }
+  .two, .cells { grid-template-columns: minmax(0, 1fr); } }
 @media (max-width: 600px) {
   main { padding: 16px 12px 40px; } h1 { font-size: 24px; overflow-wrap: anywhere; }
   .verdict { font-size: 16px; } .cards { grid-template-columns: 1fr 1fr; }
-  th, td { padding-right: 8px; } .span { position: static; }
+  .cards div:last-child:nth-child(odd) { grid-column: span 2; }
+  th, td { padding-right: 8px; } .span, .switches { position: static; }
+  .wide table tbody th { min-width: 7.5em; overflow-wrap: anywhere; }
 }
 @media print {
   main { max-width: none; padding: 0; } body { font-size: 10.5pt; }
   .controls, .bk-Toolbar { display: none; } .plot { break-inside: avoid; }
-  figure, table, .cards { break-inside: avoid; } h2 { break-after: avoid; }
+  table, .cards { break-inside: avoid; } h2 { break-after: avoid; }
 }
 """
+
+
+class Link(NamedTuple):
+    """A cell of a table, or a word, that leads somewhere."""
+
+    text: str
+    address: str
+
+    @property
+    def html(self) -> str:
+        """As it stands in a page."""
+        return f'<a href="{escape(self.address, quote=True)}">{escape(self.text)}</a>'
 
 
 def document(title: str, body: str, scripts: str = "") -> str:
@@ -89,38 +109,60 @@ def document(title: str, body: str, scripts: str = "") -> str:
     )
 
 
-def image(draw: Callable[[T], Figure | None], shown: T, alt: str, caption: str) -> str:
-    """Return what `draw` makes of `shown`, with a caption; '' where there is nothing to show."""
-    address = render(draw, shown)
-    if address is None:
-        return ""
-    text = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
-    return f'<figure><img src="{address}" alt="{escape(alt)}">{text}</figure>'
-
-
 def table(
     headings: Sequence[str],
     rows: Iterable[Sequence[object]],
     numbers_from: int = 1,
     *,
     sortable: bool = False,
+    values: Sequence[Sequence[object]] = (),
 ) -> str:
     """Return a table; columns from `numbers_from` on are set right.
 
-    One that is `sortable` sorts by the column whose heading is clicked (`page.js`).
+    Parameters
+    ----------
+    headings : sequence of str
+    rows : iterable of sequences
+        What is shown.
+    numbers_from : int
+    sortable : bool
+        By the column whose heading is clicked (`page.js`).
+    values : sequence of sequences, optional
+        What to sort by where it is a number: row by row, as `rows`.
     """
 
-    def cell(tag: str, k: int, value: object) -> str:
+    def cell(tag: str, k: int, shown: object, value: object = None) -> str:
         kind = ' class="n"' if k >= numbers_from else ""
-        return f"<{tag}{kind}>{escape(str(value))}</{tag}>"
+        by = f' data-value="{float(value)!r}"' if isinstance(value, float | int) else ""
+        text = shown.html if isinstance(shown, Link) else escape(str(shown))
+        return f"<{tag}{kind}{by}>{text}</{tag}>"
+
+    def line(number: int, row: Sequence[object]) -> str:
+        by = values[number] if values else (None,) * len(row)
+        cells = (
+            cell("th" if k == 0 else "td", k, shown, value)
+            for k, (shown, value) in enumerate(zip(row, by, strict=True))
+        )
+        return f"<tr>{''.join(cells)}</tr>"
 
     head = "".join(cell("th", k, text) for k, text in enumerate(headings))
-    lines = (
-        "<tr>" + "".join(cell("th" if k == 0 else "td", k, v) for k, v in enumerate(row)) + "</tr>"
-        for row in rows
-    )
+    lines = "".join(line(number, row) for number, row in enumerate(rows))
     kind = ' class="sortable"' if sortable else ""
     return (
         f'<div class="wide"><table{kind}><thead><tr>{head}</tr></thead>'
-        f"<tbody>{''.join(lines)}</tbody></table></div>"
+        f"<tbody>{lines}</tbody></table></div>"
     )
+
+
+def download(name: str, content: str, label: str) -> str:
+    """Return a link that saves `content` as a file of this name: it is in the page itself."""
+    data = base64.b64encode(content.encode()).decode("ascii")
+    kind = "text/csv" if name.endswith(".csv") else "text/plain"
+    address = f"data:{kind};charset=utf-8;base64,{data}"
+    return f'<a download="{escape(name)}" href="{address}">{escape(label)}</a>'
+
+
+def files_beside(names: Iterable[str]) -> str:
+    """Return links to files that lie beside the page."""
+    links = " ".join(f'<a href="{escape(n)}" download>{escape(n)}</a>' for n in names)
+    return f'<p class="controls downloads">Beside this page: {links}</p>'

@@ -1,13 +1,10 @@
-"""Pictures of a page: one palette and one style for all, drawn as SVG into the page itself.
+"""Figures for papers: one style for all, and the palette of pages and figures.
 
 Colours are Okabe and Ito's, which stay apart for colour-blind readers and in grey.
 """
 
 from __future__ import annotations
 
-import base64
-import io
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -19,7 +16,7 @@ T = TypeVar("T")
 
 BLUE, ORANGE, GREEN, VERMILLION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, GREY, INK = "#56B4E9", "#8A8F98", "#1F2933"
-#: A page is 1120 px wide; figures are drawn in inches of 100 px, so 9 pt is 12.5 px.
+#: Of a figure over the whole of a page [in].
 WIDTH = 11.2
 _STYLE = {
     "font.family": "DejaVu Sans", "font.size": 9.0, "axes.titlesize": 9.0,
@@ -44,16 +41,3 @@ def save(draw: Callable[[T], Figure | None], shown: T, file: Path) -> bool:
         dated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
         figure.savefig(file, dpi=200, metadata=dated.get(file.suffix))
     return True
-
-
-def render(draw: Callable[[T], Figure | None], shown: T) -> str | None:
-    """Return a figure as a ``data:`` address (SVG), or None where it has nothing to show."""
-    with matplotlib.rc_context(_STYLE):
-        figure = draw(shown)
-        if figure is None:
-            return None
-        buffer = io.StringIO()
-        figure.savefig(buffer, format="svg", dpi=144, metadata={"Date": None})
-    # Paths come with six decimals of a point; two are a fiftieth of a pixel and half the bytes.
-    svg = re.sub(r' d="[^"]*"', lambda d: re.sub(r"(\.\d\d)\d+", r"\1", d[0]), buffer.getvalue())
-    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode("ascii")

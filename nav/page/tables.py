@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from . import document
+from .quantities import quantity
 
 #: What LaTeX wants otherwise; letters of any language stay as they are.
 _LATEX = {
@@ -38,7 +39,8 @@ class Column:
     unit : str
         '' for none; of shares, which a page gives in per cent, '%'.
     digits : str
-        How a number is printed, as ``.2f``; '' prints values as they are.
+        How a number is printed, as ``.2f``; '3' prints three digits and no exponents, '' prints
+        values as they are.
     """
 
     title: str
@@ -56,6 +58,8 @@ class Column:
             return "–"
         if isinstance(value, str) or not self.digits:
             return str(value)
+        if self.digits == "3":
+            return quantity(float(value), "").replace("-", "−")  # type: ignore[arg-type]
         return format(value, self.digits).replace("-", "−")
 
 
@@ -82,8 +86,19 @@ class Table:
     words: int = 1
 
     def html(self) -> str:
-        """Return the table for a page."""
-        return document.table([c.heading for c in self.columns], self._texts(), self.words)
+        """Return the table for a page: sortable, to be saved as CSV and LaTeX."""
+        table = document.table(
+            [c.heading for c in self.columns], self.texts(), self.words, sortable=True,
+            values=[[_number(value) for value in row] for row in self.rows],
+        )  # fmt: skip
+        return f'{table}\n<p class="controls downloads">{self.links(latex=True)}</p>'
+
+    def links(self, latex: bool = False) -> str:
+        """Return links that save the table as CSV and, with `latex`, as LaTeX."""
+        links = [document.download(f"{self.name}.csv", self.csv(), "CSV")]
+        if latex:
+            links.append(document.download(f"{self.name}.tex", self.latex(), "LaTeX"))
+        return " ".join(links)
 
     def csv(self) -> str:
         """Return the table with every digit; nothing where nothing is known."""
@@ -97,7 +112,7 @@ class Table:
         """Return the table as a float for LaTeX with booktabs."""
         kinds = "l" * self.words + "r" * (len(self.columns) - self.words)
         head = " & ".join(latex_text(column.heading) for column in self.columns)
-        body = "\n".join(" & ".join(map(latex_text, row)) + r" \\" for row in self._texts())
+        body = "\n".join(" & ".join(map(latex_text, row)) + r" \\" for row in self.texts())
         label = re.sub(r"[^A-Za-z0-9]+", "-", self.name)
         return (
             "\\begin{table}\n\\centering\n"
@@ -111,13 +126,20 @@ class Table:
         (folder / f"{self.name}.csv").write_text(self.csv(), encoding="utf-8")
         (folder / f"{self.name}.tex").write_text(self.latex(), encoding="utf-8")
 
-    def _texts(self) -> list[list[str]]:
+    def texts(self) -> list[list[str]]:
+        """Return the rows as they are printed."""
         return [[c.text(v) for c, v in zip(self.columns, row, strict=True)] for row in self.rows]
 
 
 def latex_text(text: str) -> str:
     """Return plain text as LaTeX sets it."""
     return "".join(_LATEX.get(letter, letter) for letter in text)
+
+
+def _number(value: object) -> float | None:
+    """Return what to sort by, where it is not what is shown."""
+    known = isinstance(value, float | int | np.floating | np.integer) and math.isfinite(value)
+    return float(value) if known else None  # type: ignore[arg-type]
 
 
 def _plain(value: object) -> object:

@@ -10,7 +10,8 @@
     bounds     protection levels; how far earlier and later data part
     sky        satellites: where, how strong, used or why not, residuals, geometry
     span       figures of the span that the reader selects
-    coverage   what GNSS could do along the run; thinning
+    calibration  how IMU and antenna sit in the vehicle
+    coverage   what GNSS could do along the run
     paper      the figures for papers:
     track      the track
     figures    everything over time

@@ -11,9 +11,9 @@ from ...filters.rotation import FloatArray
 from ...filters.sensors import STANDARD_GRAVITY
 from ..evaluation.accuracy import rpy_covariance, standard_deviation
 from ..page.pictures import BLUE, GREY, INK, ORANGE, SKY, VERMILLION, WIDTH
+from ..page.thinning import thin
 from ..results.directory import Result
 from ..results.formats import geodetic_and_ned
-from .coverage import thin
 from .panels import band, finish, line
 
 _NED = ("north", "east", "down")

@@ -18,9 +18,12 @@ from bokeh.plotting import figure
 
 from ...filters.earth import ecef_to_lla
 from ...filters.rotation import FloatArray
-from ..evaluation.accuracy import standard_deviation, usable_at
-from ..page.board import Board, look
+from ..evaluation.accuracy import standard_deviation
+from ..evaluation.interpolation import usable_at
+from ..page.board import Board
 from ..page.pictures import BLUE, INK, ORANGE, VERMILLION
+from ..page.plots import look
+from ..page.thinning import thin
 from ..results.directory import Result
 from ..results.formats import geodetic_and_ned
 from .coverage import gnss_state
@@ -28,6 +31,8 @@ from .coverage import gnss_state
 #: Of the ellipsoid: Web Mercator is spherical.
 _RADIUS = 6378137.0
 _POINTS = 4000
+#: Stretches of which least and greatest are kept besides.
+_BINS = 300
 _TILES = "https://tile.openstreetmap.org/{Z}/{X}/{Y}.png"
 _CREDIT = '© <a href="https://www.openstreetmap.org/copyright">OpenStreetMap</a> contributors'
 
@@ -72,9 +77,12 @@ def _draw(result: Result, board: Board) -> tuple[figure, dict[str, dict]]:
         x, y = mercator(evaluation.ref_lla[:: -(-evaluation.time.size // _POINTS)])
         drawn = plot.line(x, y, color=INK, line_alpha=0.25, line_width=7, line_join="round")
         board.legend(plot, "reference", [drawn])
+    values = _values(result)
     keep = np.arange(0, len(trajectory), -(-len(trajectory) // _POINTS))
+    for _, value in values.values():  # and where each is least and greatest
+        keep = np.union1d(keep, thin(value, _BINS))
     x, y = mercator(ecef_to_lla(trajectory.pos_e[keep]))
-    columns, kinds = _colours(result, keep)
+    columns, kinds = _colours(result, values, keep)
     first = kinds[next(iter(kinds))]
     mapper = LinearColorMapper(
         palette=first["palette"], low=first["low"], high=first["high"], name="track-colours"
@@ -111,8 +119,8 @@ def _draw(result: Result, board: Board) -> tuple[figure, dict[str, dict]]:
     return plot, kinds
 
 
-def _colours(result: Result, keep: np.ndarray) -> tuple[dict[str, FloatArray], dict[str, dict]]:
-    """Return the columns that a track may be coloured by, and how."""
+def _values(result: Result) -> dict[str, tuple[str, FloatArray]]:
+    """Return title and value, at each epoch, of what a track may be coloured by."""
     trajectory, evaluation = result.solution.trajectory, result.evaluation
     _, vel_n, _ = geodetic_and_ned(trajectory)
     std = standard_deviation(trajectory.cov_pos_n)
@@ -124,12 +132,19 @@ def _colours(result: Result, keep: np.ndarray) -> tuple[dict[str, FloatArray], d
         error = np.hypot(*evaluation.error_pos_n[:, :2].T)
         at = np.interp(trajectory.time, evaluation.time, error, left=np.nan, right=np.nan)
         found = {"error": ("horizontal error [m]", at), **found}
+    return found
+
+
+def _colours(
+    result: Result, found: dict[str, tuple[str, FloatArray]], keep: np.ndarray
+) -> tuple[dict[str, FloatArray], dict[str, dict]]:
+    """Return the columns that a track may be coloured by, and how."""
     columns = {name: value[keep].astype("f4") for name, (_, value) in found.items()}
     kinds = {}
     for name, (title, value) in found.items():
         top = float(np.nanpercentile(value, 99.0)) or 1.0
         kinds[name] = {"title": title, "palette": list(Cividis256[::4]), "low": 0.0, "high": top}
-    usable = usable_at(result.solution.epochs, trajectory.time)
+    usable = usable_at(result.solution.epochs, result.solution.trajectory.time)
     if (usable >= 0).any():
         columns["satellites"] = usable[keep].astype("f4")
         kinds["satellites"] = {"title": "satellites usable", "palette": list(Cividis256[::4]),

@@ -14,8 +14,9 @@ from matplotlib.patches import Patch
 
 from ...filters.rotation import FloatArray
 from ..page.pictures import SKY
+from ..page.thinning import pieces, runs, thin
 from ..results.directory import Result
-from .coverage import gnss_state, pieces, runs, state_names, thin
+from .coverage import gnss_state, state_names
 
 #: Shading behind lines, by the three GNSS states of `gnss_state`.
 _SHADES = (None, "#FBE7BF", "#DCDFE4")

@@ -10,15 +10,15 @@ import numpy as np
 from ...datasets.gpstime import to_calendar, to_week_sow
 from ...datasets.placing import write_file
 from ..evaluation.accuracy import normalised_nis
-from ..notes import times_in
 from ..page import document
 from ..page.board import Board
 from ..page.quantities import duration, length, quantity
 from ..results.directory import Result, read_result
 from .bounds import protection, separation
+from .calibration import calibration
 from .map import track_map
 from .sky import Sky
-from .span import span_controls, span_table
+from .span import span_table
 from .timeline import Timeline, start_up
 from .verdict import coverage, gate_activity, verdict
 
@@ -43,9 +43,9 @@ def build_report(result: Result) -> str:
             f"<h1>{escape(result.name)}</h1>",
             f'<p class="meta">{escape(_provenance(result))}</p>',
             _verdict(result),
-            _doubts(result, start),
+            _doubts(result, board),
             _cards(result),
-            span_controls(),
+            f'<p class="controls span">{board.zooming()}</p>',
             _track_section(result, board),
             _satellite_section(result, board, panels),
             _section("Position", board, panels.position(), _position_caption(result)),
@@ -58,6 +58,7 @@ def build_report(result: Result) -> str:
             _section("Attitude", board, panels.attitude(), _attitude_caption(result)),
             _section("Motion", board, panels.motion(), ""),
             _bias_section(board, panels),
+            calibration(result.summary["installation"]),
             _update_section(result, board, panels),
             _start_section(result, board),
             _run_section(result),
@@ -72,20 +73,14 @@ def _verdict(result: Result) -> str:
     return f'<p class="verdict"><strong>{first}</strong> {" ".join(rest)}</p>'
 
 
-def _doubts(result: Result, start: float) -> str:
+def _doubts(result: Result, board: Board) -> str:
     """Return the notes that speak against the run, each with a link to the span it is about."""
-    lines = []
-    for note in result.solution.notes:
-        if note.doubtful:
-            times = [t - start for t in times_in(note.text, result.solution.trajectory.time[0])]
-            button = ""
-            if times:
-                button = (
-                    f' <button type="button" data-from="{min(times):.2f}" '
-                    f'data-to="{max(times):.2f}">show</button>'
-                )
-            lines.append(f"<li>{escape(note.text)}{button}</li>")
-    return f'<ul class="doubts">{"".join(lines)}</ul>' if lines else ""
+    lines = "".join(
+        f"<li>{escape(note.text)}{board.button(note.text)}</li>"
+        for note in result.solution.notes
+        if note.doubtful
+    )
+    return f'<ul class="doubts">{lines}</ul>' if lines else ""
 
 
 def _provenance(result: Result) -> str:
@@ -305,6 +300,10 @@ def _alignment_details(result: Result) -> str:
     return "".join(parts)
 
 
+def _after(seconds: float | None) -> str:
+    return quantity(None if seconds is None else round(seconds, 2), "s")
+
+
 def _run_section(result: Result) -> str:
     alignment, sensors = result.summary["alignment"], result.summary["sensors"]
     sigma = quantity(alignment["sigma_heading_deg"], "°")
@@ -319,7 +318,7 @@ def _run_section(result: Result) -> str:
     return (
         "<h2>Run</h2>\n"
         f"<h3>Alignment</h3><p>{escape(str(alignment['status']).capitalize())} by "
-        f"{escape(alignment['method'])}, {quantity(alignment['time_s'], 's')} after the start of "
+        f"{escape(alignment['method'])}, {_after(alignment['time_s'])} after the start of "
         f"the data; heading 1σ {sigma}.{escape(message)}</p>\n"
         f"{_alignment_details(result)}"
         f"{_resolution(result)}"

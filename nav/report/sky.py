@@ -7,16 +7,20 @@ from bokeh.models import ColumnDataSource, FactorRange, HoverTool, Label, Range1
 from bokeh.plotting import figure
 
 from ...filters.rotation import FloatArray
-from ..page.board import Board, look
+from ..page.board import Board
 from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
+from ..page.plots import look
+from ..page.thinning import thin
 from ..signals import UNUSED, Signals
-from .coverage import thin
 
 #: One colour a system; what is not named is grey.
 _SYSTEMS = {"G": BLUE, "R": VERMILLION, "E": GREEN, "C": ORANGE, "J": SKY}
 _NAMES = {"G": "GPS", "R": "GLONASS", "E": "Galileo", "C": "BeiDou", "J": "QZSS"}
 #: What became of a row: used, refused by the filter, refused by the screening before it.
 _FATES = (("used", BLUE), ("not used by the filter", ORANGE), ("screened out", GREY))
+
+#: Stretches of a satellite that a page can show apart; of more, spans are told by their shares.
+_BARS = 500
 
 
 class Sky:
@@ -182,6 +186,8 @@ class Sky:
         usual = float(np.median(step)) if step.size else 1.0
         reason = self.signals.reason[rows]
         new = (step > 1.5 * usual) | (reason[1:] != reason[:-1])
+        if new.sum() > _BARS:
+            return self._shares(sat, rows, usual)
         first = np.r_[0, np.flatnonzero(new) + 1]
         last = np.r_[first[1:] - 1, rows.size - 1]
         return [
@@ -195,6 +201,21 @@ class Sky:
             for a, b in zip(first, last, strict=True)
         ]
 
+    def _shares(
+        self, sat: str, rows: np.ndarray, usual: float
+    ) -> list[tuple[str, float, float, str, int]]:
+        """Return what became of a satellite most often in each of `_BARS` spans, and all counts."""
+        t, out = self.t[rows], []
+        edges = np.linspace(t[0] - usual / 2, t[-1] + usual / 2, _BARS + 1)
+        parts = np.split(rows, np.searchsorted(t, edges[1:-1]))
+        for part, left, right in zip(parts, edges[:-1], edges[1:], strict=True):
+            if part.size:
+                reasons, count = np.unique(self.signals.reason[part], return_counts=True)
+                told = ", ".join(f"{r or 'used'} {n}" for r, n in zip(reasons, count, strict=True))
+                fate = int(np.bincount(self.fate[part]).argmax())
+                out.append((sat, float(left), float(right), told, fate))
+        return out
+
     def _by_system(
         self, plot: figure, value: FloatArray, name: str, unit: str, rows: np.ndarray
     ) -> None:
@@ -207,7 +228,7 @@ class Sky:
             keep = of[thin(value[of], 3000)]
             source = ColumnDataSource(
                 {
-                    "t": self.t[keep],
+                    "t": self.t[keep].astype("f4"),
                     "y": value[keep].astype("f4"),
                     "sat": self.signals.sat[keep].tolist(),
                 }

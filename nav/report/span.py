@@ -14,7 +14,9 @@ from ..results.directory import Result
 from ..results.formats import geodetic_and_ned
 
 #: Rows a page carries at most; of more, every second, third … is left.
-_ROWS = 40_000
+ROWS = 40_000
+#: Columns that the page makes of north, east and up itself.
+_MADE = ("horizontal", "position")
 #: name, column, statistic, unit, heading
 _JUDGED = (
     ("horizontal_rms", "horizontal", "rms", "m", "Horizontal RMS"),
@@ -51,7 +53,7 @@ def span_table(result: Result, start: float) -> str:
     """
     time, columns, rows = _judged(result) if result.evaluation.has_reference else _claimed(result)
     rows = tuple(row for row in rows if np.isfinite(columns[row[1]]).any())
-    every = -(-time.size // _ROWS)
+    every = -(-time.size // ROWS)
     lines = "".join(
         f'<tr><th>{heading}</th><td class="n">{quantity(_figure(columns[column], how), unit)}</td>'
         f'<td class="n" data-span="{name}"></td></tr>'
@@ -61,7 +63,11 @@ def span_table(result: Result, start: float) -> str:
     count = f'<td class="n">{time.size}</td><td class="n" data-span="count"></td>'
     data = {
         "t": _base64((time - start)[::every], "f8"),
-        "columns": {name: _base64(columns[name][::every], "f4") for _, name, *_ in rows},
+        "columns": {
+            name: _base64(value[::every], "u1" if value.dtype == bool else "f4")
+            for name, value in columns.items()
+            if name not in _MADE or not result.evaluation.has_reference
+        },
         "rows": [
             {"name": name, "column": column, "statistic": how, "unit": unit}
             for name, column, how, unit, _ in rows
@@ -76,32 +82,20 @@ def span_table(result: Result, start: float) -> str:
     )
 
 
-def span_controls() -> str:
-    """Return the controls of the time axis of all plots, for mouse and keyboard."""
-    return (
-        '<p class="controls span"><label>Selected span, s since start: '
-        '<input id="span-from" type="number" step="any" aria-label="from"></label> … '
-        '<input id="span-to" type="number" step="any" aria-label="to"> '
-        '<button type="button" id="span-back" aria-label="earlier">◀</button>'
-        '<button type="button" id="span-on" aria-label="later">▶</button>'
-        '<button type="button" id="span-in" aria-label="zoom in">+</button>'
-        '<button type="button" id="span-out" aria-label="zoom out">−</button>'
-        '<button type="button" id="span-whole">whole run</button></p>'
-    )
-
-
 def _judged(result: Result) -> tuple[FloatArray, dict[str, FloatArray], tuple]:
     e = result.evaluation
     horizontal = np.hypot(e.error_pos_n[:, 0], e.error_pos_n[:, 1])
     sigma = np.hypot(e.sigma_pos_n[:, 0], e.sigma_pos_n[:, 1])
     columns = {
-        "horizontal": horizontal,
+        "north": e.error_pos_n[:, 0],
+        "east": e.error_pos_n[:, 1],
         "up": e.error_pos_n[:, 2],
+        "horizontal": horizontal,
         "position": np.linalg.norm(e.error_pos_n, axis=1),
         "velocity": np.linalg.norm(e.error_vel_n, axis=1),
         **dict(zip(("roll", "pitch", "heading"), np.rad2deg(e.error_rpy).T, strict=True)),
         "nees": e.nees_position,
-        "inside": (horizontal <= 3.0 * sigma).astype(float),
+        "inside": horizontal <= 3.0 * sigma,
     }
     return e.time, columns, _JUDGED
 

@@ -12,11 +12,14 @@ from bokeh.plotting import figure
 from ...filters.rotation import FloatArray
 from ...filters.sensors import STANDARD_GRAVITY
 from ..evaluation.accuracy import rpy_covariance, standard_deviation
-from ..page.board import Board, look
+from ..page.board import Board
 from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
+from ..page.plots import look
+from ..page.thinning import pieces, runs, thin
 from ..results.directory import Result
 from ..results.formats import geodetic_and_ned
-from .coverage import age_of_position, gnss_state, pieces, runs, thin
+from .coverage import age_of_position, gnss_state
+from .span import ROWS
 
 #: Shading behind lines, by the GNSS states of `gnss_state`.
 SHADES = {1: "#FBE7BF", 2: "#DCDFE4"}
@@ -64,7 +67,10 @@ class Timeline:
     def position(self) -> list[list[figure]]:
         """Draw position errors and ±3σ, or ±3σ alone."""
         sigma3 = 3.0 * standard_deviation(self.trajectory.cov_pos_n)
-        return [[p] for p in self._errors(self.result.evaluation.error_pos_n, sigma3, _NED, "m")]
+        evaluation = self.result.evaluation
+        full = ("north", "east", "up") if evaluation.time.size <= ROWS else ("",) * 3
+        plots = self._errors(evaluation.error_pos_n, sigma3, _NED, "m", full=full)
+        return [[p] for p in plots]
 
     def velocity(self) -> list[list[figure]]:
         """Draw velocity errors and ±3σ."""
@@ -106,8 +112,9 @@ class Timeline:
             return []
         error = np.hypot(*evaluation.error_pos_n[:, :2].T)
         keep = _strongest(age, error)
-        plot = _free("time since the last accepted position [s]", "horizontal error [m]",
-                     "Drift: error over time since the last position")  # fmt: skip
+        plot = self.board.free("time since the last accepted position [s]", "horizontal error [m]",
+                               "Drift: error over time since the last position")  # fmt: skip
+        plot.x_range.start = 0
         source = ColumnDataSource({
             "age": age[keep], "error": error[keep], "t": evaluation.time[keep] - self.board.start,
         })  # fmt: skip
@@ -123,8 +130,9 @@ class Timeline:
         evaluation = self.result.evaluation
         if not evaluation.has_reference or evaluation.time.size < 10:
             return []
-        plot = _free("horizontal error [m]", "share of the time below [%]",
-                     "How often the error was below")  # fmt: skip
+        plot = self.board.free("horizontal error [m]", "share of the time below [%]",
+                               "How often the error was below")  # fmt: skip
+        plot.x_range.start = 0
         share = np.linspace(0.0, 100.0, 401)
         error = np.hypot(*evaluation.error_pos_n[:, :2].T)
         source = ColumnDataSource({"x": np.percentile(error, share), "y": share})
@@ -196,13 +204,14 @@ class Timeline:
         t, w = np.array([s[0] for s in samples]), np.array([s[1] for s in samples])
         keep = thin(np.abs(w), 2 * _BINS) if fate == "accepted" else np.arange(w.size)[: 4 * _BINS]
         columns: dict[str, Any] = {
-            "t": t[keep], "y": np.clip(w[keep], -6.0, 6.0).astype("f4"), "w": w[keep].astype("f4"),
+            "t": t[keep].astype("f4"), "y": np.clip(w[keep], -6.0, 6.0).astype("f4"),
+            "w": w[keep].astype("f4"),
         }  # fmt: skip
         tips = [("", "@t{0.00} s since start"), (fate, "@w{0.00} σ")]
         if fate != "accepted":
             columns |= {"reason": [samples[k][3] for k in keep]}
             tips.append(("because", "@reason"))
-        if any(s[4] for s in samples):
+        if fate != "accepted" and any(s[4] for s in samples):  # those of all are in updates.csv
             columns |= {"sats": [samples[k][4] for k in keep]}
             tips.append(("satellites", "@sats"))
         drawn = plot.scatter(
@@ -221,15 +230,17 @@ class Timeline:
 
     def line(
         self, plot: figure, t: FloatArray, y: FloatArray, colour: str, label: str, unit: str,
-        *, wrap: float | None = None, scale: bool = False,
+        *, wrap: float | None = None, scale: bool = False, full: str = "",
     ) -> None:  # fmt: skip
         """Draw a thinned line, broken at holes in time and where an angle wraps."""
         keep, cut = pieces(t, y, wrap, _BINS)
-        self.board.line(plot, t[keep], y[keep], colour, label, unit, cut=cut, scale=scale)
+        self.board.line(
+            plot, t[keep], y[keep], colour, label, unit, cut=cut, scale=scale, full=full
+        )
 
     def _errors(
         self, error: FloatArray, sigma3: FloatArray, names: Sequence[str], unit: str,
-        raw: FloatArray | None = None,
+        raw: FloatArray | None = None, full: Sequence[str] = ("",) * 3,
     ) -> list[figure]:  # fmt: skip
         """Draw each error with its ±3σ on a scale on which the error shows; else ±3σ alone."""
         out = []
@@ -245,7 +256,7 @@ class Timeline:
                 if raw is not None:
                     self.line(plot, t_error, raw[:, k], GREY, "raw", unit)
                 label = "error" if raw is None else "misalignment removed"
-                self.line(plot, t_error, error[:, k], BLUE, label, unit, scale=True)
+                self.line(plot, t_error, error[:, k], BLUE, label, unit, scale=True, full=full[k])
             limit = 1.1 * float(sigma3[:, k].max()) or 1.0
             plot.y_range = Range1d(-limit, limit)
             out.append(plot)
@@ -259,12 +270,15 @@ def start_up(attempts: Sequence[tuple[float, str]], board: Board) -> list[list[f
         return []
     t = np.array([time for time, _ in attempts]) - board.start
     plot = figure(
-        height=60 + 26 * len(reasons), sizing_mode="stretch_width", tools=[],
-        y_range=FactorRange(*reversed(reasons)), toolbar_location=None,
+        height=60 + 34 * len(reasons), sizing_mode="stretch_width", tools=[],
+        y_range=FactorRange(*reversed(reasons), range_padding=0.4), toolbar_location=None,
         title="What the start waited for",
     )  # fmt: skip
     look(plot)
     plot.xaxis.axis_label = "time since start [s]"
+    plot.yaxis.visible = plot.ygrid.visible = False  # the names stand over their marks
+    plot.text([float(t.min())] * len(reasons), reasons, reasons, text_font_size="11px",
+              text_color=INK, y_offset=-7)  # fmt: skip
     source = ColumnDataSource({
         "t": t, "y": [_reason(m) for _, m in attempts], "message": [m for _, m in attempts],
     })  # fmt: skip
@@ -290,16 +304,6 @@ def _fate(accepted: bool, reason: str) -> str:
 
 def _level(at: float) -> Span:
     return Span(location=at, dimension="width", line_color=INK, line_dash="dashed", line_width=1)
-
-
-def _free(x: str, y: str, title: str) -> figure:
-    """Return a plot that is not over time."""
-    plot = figure(height=300, sizing_mode="stretch_width", title=title, min_border_left=58,
-                  tools="box_zoom,pan,wheel_zoom,reset,save", toolbar_location=None)  # fmt: skip
-    look(plot)
-    plot.xaxis.axis_label, plot.yaxis.axis_label = x, y
-    plot.x_range.start = 0
-    return plot
 
 
 def _finite(values: FloatArray) -> FloatArray:

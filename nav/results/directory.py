@@ -78,6 +78,19 @@ class Result:
         summary.json as it stands.
     config_text : str
         config.toml as it stands.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, load
+    >>> from certnav.datasets.great.writer import simulate_folder
+    >>> from certnav.nav import Config, evaluate, navigate, read_result, write_result
+    >>> folder = simulate_folder(SimulationConfig("city", duration=90.0, density="open"), "city")
+    >>> sequence = load(folder)
+    >>> solution = navigate(sequence, Config())
+    >>> out = write_result("result", solution, evaluate(solution, sequence), sequence, Config())
+    >>> result = read_result(out)
+    >>> result.summary["status"], len(result.solution.trajectory) == len(solution.trajectory)
+    ('ok', True)
     """
 
     path: Path
@@ -139,6 +152,18 @@ def write_result(
         If `out` exists and is not a result directory.
     ConfigError
         If a format is unknown.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, load
+    >>> from certnav.datasets.great.writer import simulate_folder
+    >>> from certnav.nav import Config, evaluate, navigate, write_result
+    >>> folder = simulate_folder(SimulationConfig("city", duration=90.0, density="open"), "city")
+    >>> sequence = load(folder)
+    >>> solution = navigate(sequence, Config())
+    >>> out = write_result("result", solution, evaluate(solution, sequence), sequence, Config())
+    >>> (out / "solution.csv").exists(), (out / "summary.json").exists()
+    (True, True)
     """
     out, formats = Path(out).resolve(), check_formats(formats)
     check_replaceable(out)
@@ -194,6 +219,18 @@ def read_result(path: str | Path) -> Result:
     ------
     DataError
         If it is not one, or if a file of it is missing or damaged.
+
+    Examples
+    --------
+    >>> from certnav.datasets import SimulationConfig, load
+    >>> from certnav.datasets.great.writer import simulate_folder
+    >>> from certnav.nav import Config, evaluate, navigate, read_result, write_result
+    >>> folder = simulate_folder(SimulationConfig("city", duration=90.0, density="open"), "city")
+    >>> sequence = load(folder)
+    >>> solution = navigate(sequence, Config())
+    >>> out = write_result("result", solution, evaluate(solution, sequence), sequence, Config())
+    >>> read_result(out).name
+    'city'
     """
     for _ in range(_TRIES):
         there = current(Path(path))

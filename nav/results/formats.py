@@ -16,9 +16,9 @@ from ...datasets.gpstime import from_unix, to_week_sow
 from ...filters.earth import C_en_at, ecef_to_lla
 from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray, rpy_from_matrix
-from ..evaluation.accuracy import usable_at
+from ..evaluation.interpolation import usable_at
 from ..solution import Epochs, Trajectory
-from ..sweep import in_order
+from ..sweep.parallel import in_order
 from .text import row_blocks
 
 _Part = TypeVar("_Part")

@@ -7,6 +7,7 @@
 
     outages        Outages, Spell: one short text says when, and which satellites are left
     degradation    degrade: a recording with GNSS taken away within the spells
+    judged         which spells of a drive count
     drift          what a spell did to a solution
 
 The names below are imported when they are first asked for.

@@ -20,6 +20,10 @@ from ..evaluation.accuracy import Evaluation
 from ..solution import Trajectory
 from .outages import Spell
 
+#: So near to its beginning and its end, as a share of a spell or in seconds, a reference has to
+#: have an epoch: what drifts with the square of time is a tenth larger after a twentieth more.
+_SEEN, _SEEN_S = 0.05, 1.0
+
 
 @dataclass(frozen=True, eq=False)
 class SpellFigures:
@@ -64,6 +68,25 @@ class SpellFigures:
             f"<SpellFigures {self.start:.1f}…{self.end:.1f} s: drift {self.drift:.3g} m, "
             f"largest error {self.max_error:.3g} m>"
         )
+
+
+def judgeable(spells: Iterable[Spell], time: FloatArray) -> list[Spell]:
+    """Return the spells whose beginning and end a reference has seen.
+
+    Parameters
+    ----------
+    spells : iterable of Spell
+    time : ndarray, shape (n,)
+        Epochs of the reference, increasing [s].
+    """
+    found = []
+    for spell in spells:
+        near = max(_SEEN * (spell.end - spell.start), _SEEN_S)
+        before = np.searchsorted(time, spell.start, side="right") - 1
+        last = np.searchsorted(time, spell.end, side="left") - 1
+        if before >= 0 and spell.start - time[before] <= near and spell.end - time[last] <= near:
+            found.append(spell)
+    return found
 
 
 def spell_figures(evaluation: Evaluation, spell: Spell) -> SpellFigures | None:

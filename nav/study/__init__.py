@@ -6,7 +6,8 @@
     paper        what the paper says of its own three sets
     recording    study: every figure of every recording
     tables       Tables 2 to 5, the operating points, and the numbers behind the figures
-    figures      Figs. 3 to 8
+    figures      Figs. 3 to 8 for a paper
+    panels       the same for the page
     report       page, CSV, LaTeX and PDF in one directory
 
 The names below are imported when they are first asked for.

@@ -1,4 +1,4 @@
-"""Figs. 3 to 8 of the paper, a panel a recording."""
+"""Figs. 3 to 8 of the paper, for a paper: a panel a recording."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from .tables import by_epoch
 #: Cells of Fig. 8 that are written out; all others are in the CSV.
 SNR_SHOWN = (30.0, 35.0, 40.0, 45.0, 50.0)
 K_SHOWN = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
-_FACTORS = {
+#: Names of what may go with the error, by that of its figure.
+FACTORS = {
     "azimuth": "azimuth", "elevation": "elevation", "elevation_low": "lower elevation",
     "k": "|k|", "snr": "SNR", "snr_high": "higher SNR", "snr_low": "lower SNR",
     "snr_mean": "mean SNR",
@@ -99,12 +100,12 @@ def factors(study: Study) -> Figure:
     figure, panels = _panels(study, 2.6)
     for axes, one in panels:
         found = one.figures["correlation"]
-        place = np.arange(len(_FACTORS))
+        place = np.arange(len(FACTORS))
         for key, shift, colour in (("pearson", 0.2, BLUE), ("spearman", -0.2, ORANGE)):
-            sizes = [abs(found[name][key]) for name in _FACTORS]
+            sizes = [abs(found[name][key]) for name in FACTORS]
             axes.barh(place + shift, np.nan_to_num(sizes), 0.38, color=colour,
                       label=f"|{key.title()}|")  # fmt: skip
-        axes.set_yticks(place, list(_FACTORS.values()))
+        axes.set_yticks(place, list(FACTORS.values()))
         axes.grid(axis="y", visible=False)
         _outer(axes, "correlation with the error", "")
     panels[0][0].legend(loc="lower right")
@@ -136,7 +137,9 @@ def k_within_snr(study: Study) -> Figure:
         for key, shift, colour in (("pearson", -0.2, BLUE), ("spearman", 0.2, ORANGE)):
             axes.bar(place + shift, np.nan_to_num([abs(r[key]) for r in ranges]), 0.38,
                      color=colour, label=f"|{key.title()}|")  # fmt: skip
-        axes.set_xticks(place, [_range(r["above"], r["up_to"], r["count"]) for r in ranges])
+        axes.set_xticks(
+            place, [f"{range_words(r['above'], r['up_to'])}\n{r['count']:,d}" for r in ranges]
+        )
         axes.grid(axis="x", visible=False)
         axes.set_ylim(0.0, 1.0)
         _outer(axes, "mean SNR [dB-Hz], pairs", "correlation of |k|")
@@ -144,13 +147,11 @@ def k_within_snr(study: Study) -> Figure:
     return figure
 
 
-def _range(low: float, high: float, count: int) -> str:
-    words = f"{low:g}–{high:g}"
+def range_words(low: float, high: float) -> str:
+    """Return a range of SNR in words, open at an end that is infinite."""
     if not np.isfinite(low):
-        words = f"≤ {high:g}"
-    elif not np.isfinite(high):
-        words = f"> {low:g}"
-    return f"{words}\n{count:,d}"
+        return f"≤ {high:g}"
+    return f"> {low:g}" if not np.isfinite(high) else f"{low:g}–{high:g}"
 
 
 def thresholds(study: Study) -> Figure:
@@ -184,14 +185,14 @@ FIGURES = (
     ("fig3", error_over_k, "Error by |k| (Fig. 3)",
      "RMS of ‖Δv‖ of all pairs in bins of 0.05; left of the dashed line geometry is singular."),
     ("fig4", outage_attitude, "Attitude and velocity in an outage (Fig. 4)",
-     "First outage of each recording. Left: attitude of the IMU alone against the reference. "
-     "Right: what that does to the velocity, ECEF, median of the pairs."),
+     "First outage of each recording: attitude of the IMU alone against the reference, and what "
+     "that does to the velocity, ECEF, median of the pairs."),
     ("fig5", factors, "What goes with the error (Fig. 5)",
      "Factors of a single satellite count for both satellites of a pair."),
     ("fig6", snr_by_satellite, "Signal strength by satellite (Fig. 6)",
      "Mean and standard deviation of the mean SNR of the pairs each satellite is in."),
     ("fig7", k_within_snr, "|k| and the error within SNR ranges (Fig. 7)",
-     "Below each range the number of its pairs."),
+     "Pairs within ranges of their mean SNR."),
     ("fig8", thresholds, "Error and retention over thresholds (Fig. 8)",
      "RMS of ‖Δv‖ [m/s] and share of the pairs kept by both thresholds, after k > 0.05 and 3 RMS."),
 )  # fmt: skip

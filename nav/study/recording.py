@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ...datasets.loading import formats, load, recognise
+from ...datasets.loading import formats, recognise, with_precise
 from ...datasets.sequence import Sequence
 from ...filters.errors import ConfigError, DataError, NavError
 from ...velocity.study.samples import reference_samples
 from ...velocity.study.tables import describe, pair_table
 from ...velocity.study.unaided import EPOCHS, Outage, outages, over_outages
-from ..sweep import in_parallel
-
-Source = str | Path | Sequence
+from ..sweep.drives import Source, drive
+from ..sweep.parallel import in_parallel
 
 
 @dataclass(frozen=True)
@@ -103,6 +102,7 @@ def study(
     options: StudyOptions | None = None,
     *,
     data: dict[str, Any] | None = None,
+    precise: Iterable[str | Path] = (),
     jobs: int = -1,
     scheduler: str | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -116,6 +116,9 @@ def study(
     options : StudyOptions, optional
     data : dict, optional
         Options of readers; each goes to the recordings whose reader knows it.
+    precise : iterable of path
+        Precise products (`datasets.rtklib.precise`) of any days: what they cover is studied twice,
+        with broadcast and with precise ephemerides.
     jobs : int
         Processes on this machine; −1: as many as processors.
     scheduler : str, optional
@@ -134,7 +137,9 @@ def study(
     sources = list(sources)
     if not sources:
         raise ConfigError("study: no recording given")
-    calls = [(source, options, own) for source, own in with_options(sources, data or {})]
+    products = tuple(str(Path(file).resolve()) for file in precise)
+    shared = [drive(source, own) for source, own in with_options(sources, data or {})]
+    calls = [(one, options, used) for one in shared for used in dict.fromkeys(((), products))]
     found: list[Studied] = []
     for one in in_parallel(studied, calls, jobs=jobs, scheduler=scheduler):
         found.append(one)
@@ -168,10 +173,17 @@ def with_options(
     ]
 
 
-def studied(source: Source, options: StudyOptions, data: dict[str, Any]) -> Studied:
+def studied(sequence: Sequence, options: StudyOptions, precise: tuple[str, ...] = ()) -> Studied:
     """Return the figures of one recording: the unit of work of a sweep."""
-    sequence = source if isinstance(source, Sequence) else load(source, **data)
     notes: list[str] = []
+    if precise:
+        name = f"{sequence.name}, precise"
+        try:
+            sequence = with_precise(sequence, precise)
+        except DataError as error:
+            return Studied(name, {}, {}, notes=(f"{name}: {error}",))
+        notes.append(f"{name}: {sequence.notes[-1]}")
+        sequence = replace(sequence, name=name)
     figures: dict[str, Any] = {}
     epochs = 0
     try:

@@ -15,8 +15,10 @@ from ...datasets.placing import written_whole
 from ...filters.errors import DataError
 from ..page import document
 from ..page.pictures import save
+from ..page.plots import Plots
 from ..results.summary import strict
 from .figures import FIGURES
+from .panels import PANELS
 from .recording import Study
 from .tables import series, tables
 
@@ -90,20 +92,28 @@ def build_page(study: Study) -> str:
         f'<p class="meta">{escape(", ".join(names))} · {escape(chosen)}</p>',
         f'<p class="verdict">{_verdict(study)}</p>',
         "<p>Tables and figures of the DDIA-VE paper (PMC12736487), with its own figures below "
-        "ours. Beside this page each table is a CSV and a LaTeX file, each figure a PDF with its "
-        "numbers as CSV.</p>",
+        "ours. Each table can be saved as CSV and LaTeX, the numbers behind each figure as CSV; "
+        "the figures lie beside this page as PDF.</p>",
     ]
+    numbers = {table.name: table for table in series(study)}
+    plots = Plots()
     for table in tables(study):
         parts += [f"<h2>{escape(table.caption)}</h2>", table.html()]
-    for _, draw, heading, caption in FIGURES:
-        picture = document.image(draw, study, heading, caption)
-        if picture:
-            parts += [f"<h2>{escape(heading)}</h2>", picture]
+    for name, _, heading, caption in FIGURES:
+        draw, columns = PANELS[name]
+        drawn = draw(study, plots)
+        if drawn:
+            parts += [
+                f'<h2>{escape(heading)}</h2>\n<p class="note">{escape(caption)}</p>',
+                plots.cells(drawn, heading, columns),
+                f'<p class="controls downloads">{numbers[name].links()}</p>',
+            ]
     notes = [note for one in study.recordings for note in one.notes]
     if notes:
         items = "".join(f"<li>{escape(note)}</li>" for note in notes)
         parts.append(f"<h2>Notes</h2>\n<ul>{items}</ul>")
-    return document.document("Doppler study · certnav", "\n".join(parts))
+    parts.append(document.files_beside((DATA, *(f"{name}.pdf" for name, *_ in FIGURES))))
+    return document.document("Doppler study · certnav", *plots.fill("\n".join(parts)))
 
 
 def sentences(study: Study) -> list[str]:

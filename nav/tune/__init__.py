@@ -11,6 +11,7 @@
     tuning           tune: thresholds for the velocity of pairs, as the paper has them
     score            their error and retention over the grid, the choice, its cross-validation
     report           their thresholds.toml, tuning.json and page
+    panels           the plots of both pages
 
 The names below are imported when they are first asked for.
 """

@@ -14,8 +14,10 @@ from ...datasets.placing import written_whole
 from ...filters.errors import DataError
 from ..page import document
 from ..page.pictures import BLUE, GREEN, ORANGE, VERMILLION, save
+from ..page.plots import Plots
 from ..page.tables import Column, Table
 from ..results.summary import strict
+from . import panels
 from .candidates import PAPER
 from .tuning import Tuning
 
@@ -257,42 +259,52 @@ def _page(tuning: Tuning) -> str:
         )
     if not applied(tuning):
         verdict += " The filter screens by other quantities: this is the paper's figure."
+    plots = Plots()
     body = [
         "<h1>Thresholds for Doppler velocity below four satellites</h1>",
         f'<p class="meta">{escape(_names(tuning))} · error of pairs</p>',
         f'<p class="verdict">{escape(verdict)}</p>',
         "<h2>Trade-off</h2>",
-        document.image(trade_off_figure, tuning, "RMS against retention", ""),
-        document.image(heat_map_figure, tuning, "RMS and retention over thresholds", ""),
+        plots.cells(panels.trade_off(tuning, plots), "RMS against retention"),
+        "<h2>Over thresholds</h2>",
+        plots.cells(panels.heat_maps(tuning, plots), "Over thresholds", columns=2),
         f"<h2>Cross-validation over {tuning.folds_by}</h2>",
         folds_table(tuning).html(),
         *_statistics(tuning),
         *(f'<p class="note">{escape(note)}</p>' for note in tuning.notes),
     ]
-    return document.document("Thresholds · certnav", "\n".join(body))
+    beside = ("thresholds.toml", "tuning.json", "trade_off.pdf", "heat_map.pdf")
+    body.append(document.files_beside(beside))
+    return document.document("Thresholds · certnav", *plots.fill("\n".join(body)))
 
 
 def _statistics(tuning: Tuning) -> list[str]:
     out = []
     if tuning.statistics:
-        rows = [
-            [
-                name, str(s["pairs"]), f"{s['k05_discarded_share']:.1%}",
-                f"{s['rms_k05_mps']:.2f}", str(s["k05_kept"] - s["kept_3rms"]),
-                f"{s['rms_3rms_mps']:.2f}", f"{s['cn0']['mean_dbhz']:.1f} ± "
-                f"{s['cn0']['std_db']:.1f}", f"{s['correlation']['k']['spearman']:+.2f}",
-                f"{s['correlation']['snr_mean']['spearman']:+.2f}",
-            ]
+        rows = tuple(
+            (name, s["pairs"], s["k05_discarded_share"], s["rms_k05_mps"],
+             s["k05_kept"] - s["kept_3rms"], s["rms_3rms_mps"], s["cn0"]["mean_dbhz"],
+             s["cn0"]["std_db"], s["correlation"]["k"]["spearman"],
+             s["correlation"]["snr_mean"]["spearman"])
             for name, s in tuning.statistics.items()
-        ]  # fmt: skip
-        head = ["pairs", "number", "k ≤ 0.05", "RMS [m/s]", "> 3 RMS", "RMS without [m/s]",
-                "C/N0 [dB-Hz]", "rank corr. k", "rank corr. C/N0"]  # fmt: skip
-        out += ["<h2>Statistics</h2>", document.table(head, rows)]
+        )  # fmt: skip
+        columns = (
+            Column("pairs"), Column("number", "", ",d"), Column("k ≤ 0.05", "", ".1%"),
+            Column("RMS", "m/s", ".2f"), Column("> 3 RMS", "", ",d"),
+            Column("RMS without", "m/s", ".2f"), Column("C/N0", "dB-Hz", ".1f"),
+            Column("its spread", "dB", ".1f"), Column("rank corr. k", "", "+.2f"),
+            Column("rank corr. C/N0", "", "+.2f"),
+        )  # fmt: skip
+        table = Table("statistics", "Statistics of pairs", columns, rows)
+        out += ["<h2>Statistics</h2>", table.html()]
     if tuning.noise:
-        rows = [
-            [name, f"{f.noise.floor:.3f}", f"{f.noise.sigma_45:.3f}", f"{f.noise.decade_db:.1f}"]
+        fits = tuple(
+            (name, f.noise.floor, f.noise.sigma_45, f.noise.decade_db)
             for name, f in tuning.noise.items()
-        ]
-        head = ["Doppler noise", "floor [m/s]", "at 45 dB-Hz [m/s]", "tenfold per [dB]"]
-        out += ["<h2>Receivers</h2>", document.table(head, rows)]
+        )
+        heads = (
+            Column("Doppler noise"), Column("floor", "m/s", ".3f"),
+            Column("at 45 dB-Hz", "m/s", ".3f"), Column("tenfold per", "dB", ".1f"),
+        )  # fmt: skip
+        out += ["<h2>Receivers</h2>", Table("receivers", "Doppler noise", heads, fits).html()]
     return out

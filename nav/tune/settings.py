@@ -2,8 +2,8 @@
 
 Recommended is the candidate of least error if it is better than the default beyond doubt: on the
 recordings, and where each choice is made without the data it is judged by; and if it is worse than
-the default beyond doubt in no part of any recording. Otherwise the default stays, and what decided
-is named.
+the default beyond doubt in no part of any recording, by more than a table shows. Otherwise the
+default stays, and what decided is named.
 """
 
 from __future__ import annotations
@@ -20,13 +20,17 @@ from ...filters.rotation import FloatArray
 from ...velocity.doppler_noise import NoiseFit
 from ..config import Config
 from ..spells.outages import Outages, parse_outages
-from ..sweep import in_parallel
+from ..sweep.drives import Source, drive
+from ..sweep.parallel import in_parallel
+from ..sweep.shared import Shared
 from .candidates import SNR, Candidate, K, candidates
 from .choice import Change, Group, best, by_time, change, cross_validated, of_candidate
-from .trials import FOLDS, Prepared, Source, Trial, centres, pooled, prepare, try_out, weights_for
+from .trials import FOLDS, Prepared, Trial, centres, pooled, prepare, try_out, weights_for
 
 #: Two or three satellites, of any strength, for half of the time.
 OUTAGES = parse_outages("30/60:2-3")
+#: A change that three digits show: below, an interval beside zero says nothing of use.
+SEEN = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,22 +142,19 @@ def tune_settings(
         If a recording has no Doppler, cannot be navigated, or is too short to divide.
     """
     base, say = config or Config(), progress or (lambda fraction, what: None)
-    sources = list(sources)
-    if not sources:
+    drives = [drive(source, base.data) for source in sources]
+    if not drives:
         raise ConfigError("tune: no recording given")
     tried = candidates(base, snr, k)
     all_gnss = [c.config(base, None).gnss for c in tried if not c.weights]
     least_cn0 = min(g.min_cn0_dbhz for g in all_gnss)
     least_elevation = min(g.elevation_mask_deg for g in all_gnss)
     say(0.0, "default settings")
-    calls = [(s, base, outages, least_cn0, least_elevation) for s in sources]
-    shared = [s for s in sources if isinstance(s, Sequence)]
-    ready = distinct(
-        list(in_parallel(prepare, calls, jobs=jobs, scheduler=scheduler, shared=shared))
-    )
-    work, where = _work(sources, ready, tried, base)
+    calls = [(one, base, outages, least_cn0, least_elevation) for one in drives]
+    ready = distinct(list(in_parallel(prepare, calls, jobs=jobs, scheduler=scheduler)))
+    work, where = _work(drives, ready, tried, base)
     trials = [[Trial(reason="no weights could be fitted") for _ in ready] for _ in tried]
-    found = in_parallel(try_out, work, jobs=jobs, scheduler=scheduler, shared=shared)
+    found = in_parallel(try_out, work, jobs=jobs, scheduler=scheduler)
     for done, (trial, (number, recording)) in enumerate(zip(found, where, strict=True), 1):
         trials[number][recording] = trial
         say(done / len(work), f"{tried[number].name}: {ready[recording].name}")
@@ -161,12 +162,12 @@ def tune_settings(
 
 
 def _work(
-    sources: list[Source], ready: list[Prepared], tried: list[Candidate], base: Config
+    drives: list[Shared[Sequence]], ready: list[Prepared], tried: list[Candidate], base: Config
 ) -> tuple[list[tuple], list[tuple[int, int]]]:
-    """Return the calls of all trials, and the candidate and recording of each."""
+    """Return the calls of all trials, drive by drive, and the candidate and recording of each."""
     work, where = [], []
-    for number, candidate in enumerate(tried):
-        for recording, (source, one) in enumerate(zip(sources, ready, strict=True)):
+    for recording, (source, one) in enumerate(zip(drives, ready, strict=True)):
+        for number, candidate in enumerate(tried):
             configs: tuple[Config, ...] = (candidate.config(base),) if not candidate.weights else ()
             if candidate.weights:
                 others = [o for o in ready if o is not one]
@@ -277,7 +278,7 @@ def decide(
         )
     for group in groups:
         alone = change([group], [group.square[leader]])
-        if alone.worse:
+        if alone.worse and alone.high > SEEN:
             return 0, (
                 f"keep the settings as they are: '{name}' is {interval(lead)}, but on "
                 f"{group.recording}, {group.part}, {interval(alone)}"

@@ -16,8 +16,10 @@ from ..config import Config
 from ..config_files import to_toml
 from ..page import document
 from ..page.pictures import BLUE, GREEN, GREY, ORANGE, VERMILLION, WIDTH, save
+from ..page.plots import Plots
 from ..page.tables import Column, Table
 from ..results.summary import strict
+from . import panels
 from .candidates import weights_keys
 from .choice import Change
 from .report import check_replaceable
@@ -250,7 +252,8 @@ def build_page(found: Settings) -> str:
             ". What holding more epochs of weak GNSS costs bends at "
             f"'{found.candidates[found.knee].name}'"
         )
-    toml = settings_toml(found)
+    toml, plots = settings_toml(found), Plots()
+    costs = panels.held(found, plots)
     body = [
         "<h1>Settings for a run</h1>",
         f'<p class="meta">{escape(", ".join(found.recordings))} · weak GNSS '
@@ -262,13 +265,21 @@ def build_page(found: Settings) -> str:
         "they are, with 95 % intervals over blocks of time or spells, over recordings where there "
         "are three or more. Weights are never judged on what they were fitted to.</p>",
         candidates_table(found).html(),
-        document.image(candidates_figure, found, "Change by candidate", ""),
+        '<p class="note">Below: change of both together with its 95 % interval; orange is '
+        "recommended, green has the least error. What is beyond −90 % or +150 % ends there.</p>",
+        plots.cells(panels.changes(found, plots), "Change of the error with its interval"),
+        plots.cells(costs, "Drift over epochs held") if costs else "",
         f"<h2>Cross-validation over {found.folds_by}</h2>",
         f"<p>Chosen without the part it is judged by: {escape(interval(found.validated))}.</p>",
         folds_table(found).html(),
     ]
     if found.fits:
         body += ["<h2>Receivers</h2>", receivers_table(found).html()]
-    body += ["<h2>For certnav run</h2>", f"<pre>{escape(toml)}</pre>"]
+    save_it = document.download("thresholds.toml", toml, "Save as thresholds.toml")
+    body += [
+        f"<h2>For certnav run</h2><pre>{escape(toml)}</pre>",
+        f'<p class="controls downloads">{save_it}</p>',
+    ]
     body += [f'<p class="note">{escape(note)}</p>' for note in found.notes]
-    return document.document("Settings · certnav", "\n".join(body))
+    body.append(document.files_beside(("thresholds.toml", "tuning.json", "candidates.pdf")))
+    return document.document("Settings · certnav", *plots.fill("\n".join(body)))

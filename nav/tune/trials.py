@@ -11,13 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...datasets.loading import load
 from ...datasets.sequence import Sequence
 from ...datasets.series import Reference
 from ...filters.errors import AlignmentError, ConfigError, DataError, NavError
@@ -33,7 +30,6 @@ from ..spells.degradation import degrade
 from ..spells.drift import as_reference, spell_figures
 from ..spells.outages import Outages, Spell
 
-Source = str | Path | Sequence
 #: Errors of positions last for seconds to a minute: blocks are as long, or one twelfth of the
 #: recording, whichever is longer; a recording of a minute has three.
 _BLOCK, _BLOCKS = 15.0, 12
@@ -103,13 +99,8 @@ class Trial:
     reason: str = ""
 
 
-def loaded(source: Source, data: Mapping[str, Any]) -> Sequence:
-    """Return the recording."""
-    return source if isinstance(source, Sequence) else load(source, **data)
-
-
 def prepare(
-    source: Source, config: Config, outages: Outages, least_cn0: float, least_elevation: float
+    sequence: Sequence, config: Config, outages: Outages, least_cn0: float, least_elevation: float
 ) -> Prepared:
     """Navigate with the user's own settings, fix what is judged, and fit the Doppler noise.
 
@@ -118,7 +109,6 @@ def prepare(
     DataError
         If the recording has no Doppler, or too little to divide.
     """
-    sequence = loaded(source, config.data)
     observations = sequence.observations
     if observations is None or not observations.has_range_rate.any():
         raise DataError(
@@ -191,17 +181,16 @@ def _fits(
     return out, ()
 
 
-def try_out(source: Source, prepared: Prepared, configs: tuple[Config, ...]) -> Trial:
+def try_out(sequence: Sequence, prepared: Prepared, configs: tuple[Config, ...]) -> Trial:
     """Return what one candidate does on one recording: the unit of work of a sweep.
 
     Parameters
     ----------
-    source : path or Sequence
+    sequence : Sequence
     prepared : Prepared
     configs : tuple of Config
         One; or two, for the first half of the recording and for the second.
     """
-    sequence = loaded(source, configs[0].data)
     if prepared.judge is not None:
         sequence = replace(sequence, reference=prepared.judge)
     parts = [_judged(sequence, prepared, config) for config in configs]

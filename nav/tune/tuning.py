@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...datasets.sequence import Sequence
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ...velocity.doppler_noise import NoiseFit, fit_doppler_noise, reference_residuals
@@ -24,7 +25,8 @@ from ...velocity.study.samples import reference_samples
 from ...velocity.study.statistics import heat_map
 from ...velocity.study.tables import PairTable, concatenated, describe, pair_table
 from ..config import Config
-from ..sweep import in_parallel
+from ..sweep.drives import Source, drive
+from ..sweep.parallel import in_parallel
 from .score import (
     Fold,
     Part,
@@ -37,7 +39,6 @@ from .score import (
     pareto_front,
     total,
 )
-from .trials import Source, loaded
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,16 +111,14 @@ class Tuning:
 
 @dataclass(frozen=True)
 class _Job:
-    """What one worker is to do with one sequence."""
+    """What a worker is to do with a sequence."""
 
-    source: Source
     snr: FloatArray
     k: FloatArray
     screening: Screening
     direction: str
     systems: str
     blocks: int
-    config: Config
 
 
 @dataclass(frozen=True)
@@ -185,13 +184,10 @@ def tune(
         raise ConfigError(f"min_kept: expected a share from 0 to below 1, found {min_kept!r}")
     if blocks < 2:
         raise ConfigError(f"blocks: expected 2 or more, found {blocks}")
-    work = [
-        _Job(source, snr_grid, k_grid, screening, direction, systems, blocks, config)
-        for source in sources
-    ]
-    if not work:
+    job = _Job(snr_grid, k_grid, screening, direction, systems, blocks)
+    calls = [(drive(source, config.data), job) for source in sources]
+    if not calls:
         raise ConfigError("tune: no sequence given")
-    calls = [(job,) for job in work]
     found = _distinct(list(in_parallel(_run, calls, jobs=jobs, scheduler=scheduler)))
     parts = [part for report in found for part in report.parts]
     alone = by_sequence(parts)
@@ -257,9 +253,8 @@ def _distinct(found: list[_Report]) -> list[_Report]:
     return out
 
 
-def _run(job: _Job) -> _Report:
-    """Load one sequence and score its pairs against the reference: the unit of work of a sweep."""
-    sequence = loaded(job.source, job.config.data)
+def _run(sequence: Sequence, job: _Job) -> _Report:
+    """Score the pairs of one sequence against the reference: the unit of work of a sweep."""
     samples = reference_samples(sequence, direction=job.direction, systems=job.systems)
     table = pair_table(samples)
     passed = _other_tests(job.screening, table)

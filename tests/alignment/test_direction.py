@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.alignment.direction import log_odds
+from certnav.alignment.direction import course_fit, log_odds
 from certnav.alignment.levelling import VelocityTrack, level_and_course
 from certnav.filters.earth import OMEGA_IE_E, C_en_of, gravity_e, lla_to_ecef
 from certnav.filters.errors import AlignmentError
@@ -96,3 +96,45 @@ def test_one_wild_velocity_among_creeping_ones_makes_no_heading():
         level_and_course(stream, wild, np.eye(3), SPEC)
     vel_e[21] *= 1.9 / np.linalg.norm(vel_e[21])
     assert level_and_course(stream, wild, np.eye(3), SPEC).time == track.time[20]
+
+
+def setting_off(seed, wrong_until=0.0, turn_deg=90.0, grows=1.0):
+    """15 s at rest, then 2 m/s² for eight seconds; velocities up to a time are of other motion."""
+    stream, track = made(lambda t: 2.0 * min(max(t - 15.0, 0.0), 8.0), lambda t: 0.0, seed=seed)
+    wrong = track.time < wrong_until
+    turn = np.eye(3)
+    c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+    turn[:2, :2] = [[c, -s], [s, c]]
+    vel_e = np.where(wrong[:, None], grows * (track.vel_e @ C_EN @ turn.T @ C_EN.T), track.vel_e)
+    return stream, VelocityTrack(track.time, vel_e, track.sigma, track.pos_e)
+
+
+def until(track, time):
+    k = track.time < time
+    return VelocityTrack(track.time[k], track.vel_e[k], track.sigma[k], track.pos_e[k])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_course_is_borne_out_by_velocities_of_other_seconds(seed):
+    stream, track = setting_off(seed)
+    early, late = until(track, 19.5), until(track, 30.0)
+    for part, borne_out in ((early, False), (late, True)):
+        attitude = level_and_course(stream, part, np.eye(3), SPEC)
+        fit = course_fit(stream, part, attitude)
+        assert attitude.time < 19.0 and not fit.against and fit.borne_out == borne_out
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_velocities_of_another_motion_bear_each_other_out_and_nothing_else(seed):
+    """From rest any velocities have the course that the accelerations have with them."""
+    stream, track = setting_off(seed, wrong_until=18.5)
+    early, late = until(track, 19.0), until(track, 30.0)
+    attitude = level_and_course(stream, early, np.eye(3), SPEC)
+    assert not course_fit(stream, early, attitude).borne_out
+    assert "beside the course" in course_fit(stream, late, attitude).against
+
+
+def test_velocities_that_change_by_more_than_is_felt_are_none_to_start_from():
+    stream, track = setting_off(1, wrong_until=40.0, turn_deg=0.0, grows=2.5)
+    attitude = level_and_course(stream, track, np.eye(3), SPEC)
+    assert "2.5 times as much" in course_fit(stream, track, attitude).against

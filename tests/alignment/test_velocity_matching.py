@@ -40,7 +40,7 @@ def driven(offset, gyro_bias=0.0, accel_b=(0.0, 0.0), level_n=(0.0, 0.0), straig
 @pytest.mark.parametrize("offset_deg", [-170.0, -90.0, -30.0, 0.0, 5.0, 60.0, 180.0])
 def test_any_offset_is_found(offset_deg):
     found = heading_offset(*driven(np.radians(offset_deg)))
-    assert found is not None
+    assert found is not None and found.tells and not found.contradicts
     # The weak prior of level, accelerometers and gyro takes no part where they are zero.
     assert abs(np.degrees(wrap_angle(found.offset - np.radians(offset_deg)))) < 0.2
 
@@ -50,7 +50,7 @@ def test_any_offset_is_found(offset_deg):
 ])  # fmt: skip
 def test_what_sensors_and_level_leave_is_no_heading(error):
     found = heading_offset(*driven(np.radians(60.0), **error))
-    assert found is not None
+    assert found is not None and found.tells and not found.contradicts
     assert abs(found.offset - np.radians(60.0)) < min(np.radians(6.0), 2.0 * found.sigma)
 
 
@@ -61,7 +61,7 @@ def test_its_sigma_is_that_of_its_errors():
         walk = np.cumsum(rng.normal(0.0, np.sqrt(0.025), (time.size, 2)), axis=0)
         noise = rng.normal(0.0, 0.15, (time.size, 2))
         found = heading_offset(time, vel_n + noise + walk - walk[0], sigma, felt_n, C_nb)
-        assert found is not None
+        assert found is not None and found.tells and not found.contradicts
         squares.append(((found.offset - np.radians(40.0)) / found.sigma) ** 2)
     # Chance has 1 ± 0.1; its priors leave room for more than there was.
     assert 0.4 < np.mean(squares) < 1.3
@@ -72,20 +72,20 @@ def test_reflections_do_not_turn_it():
     wild = vel_n.copy()
     wild[[6, 17, 24]] += [[8.0, -5.0], [-6.0, 9.0], [4.0, 12.0]]
     found = heading_offset(time, wild, sigma, felt_n, C_nb)
-    assert found is None or abs(found.offset - np.radians(40.0)) < 3.0 * found.sigma
+    assert not found.tells or abs(found.offset - np.radians(40.0)) < 3.0 * found.sigma
 
 
 def test_a_straight_road_at_constant_speed_says_nothing():
     time, vel_n, sigma, felt_n, C_nb = driven(np.radians(90.0), straight=True)
     rng = np.random.default_rng(2)
-    assert (
-        heading_offset(time, vel_n + rng.normal(0, 0.1, vel_n.shape), sigma, felt_n, C_nb) is None
-    )
+    found = heading_offset(time, vel_n + rng.normal(0, 0.1, vel_n.shape), sigma, felt_n, C_nb)
+    assert not found.tells and not found.contradicts
 
 
 def test_accelerations_of_another_size_are_no_heading():
     time, vel_n, sigma, felt_n, C_nb = driven(0.0)
-    assert heading_offset(time, vel_n, sigma, 2.0 * felt_n, C_nb) is None
+    found = heading_offset(time, vel_n, sigma, 2.0 * felt_n, C_nb)
+    assert not found.tells and found.contradicts and abs(found.scale - 0.5) < 0.02
 
 
 def test_few_velocities_say_nothing():

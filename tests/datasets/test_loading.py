@@ -61,7 +61,7 @@ def test_unrecognised_lists_what_was_looked_for_in_one_line(tmp_path):
 def test_missing_path_and_file_instead_of_folder(tmp_path):
     with pytest.raises(DataError, match="no such file or folder"):
         load(tmp_path / "nowhere")
-    with pytest.raises(DataError, match="expected a folder, found a file"):
+    with pytest.raises(DataError, match="neither RINEX observations nor a receiver's log"):
         load(touch(tmp_path, "a.txt") / "a.txt")
 
 

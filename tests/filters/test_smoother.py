@@ -23,7 +23,9 @@ SPEC = dataclasses.replace(
 LEVER = np.array([-0.65, -0.05, -0.15])
 
 
-def run(trajectory, seed, smoothing=True, outage=(40, 70), duration=110.0, states=15):
+def run(
+    trajectory, seed, smoothing=True, outage=(40, 70), duration=110.0, states=15, interval=0.5
+):  # fmt: skip
     """Filter with a spell without GNSS; return the filter."""
     rng = np.random.default_rng([11, seed])
     start = trajectory.span[0] + 30.0
@@ -43,7 +45,7 @@ def run(trajectory, seed, smoothing=True, outage=(40, 70), duration=110.0, state
         k.C_eb[0] @ matrix_from_rotvec(error[6:9]).T,
     )  # fmt: skip
     stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
-    kalman = ErrorStateFilter(model, stream, state, P, 0.5, smoothing=smoothing)
+    kalman = ErrorStateFilter(model, stream, state, P, interval, smoothing=smoothing)
     for i, t in enumerate(fixes.time):
         if outage[0] <= i < outage[1]:
             continue
@@ -57,6 +59,18 @@ def run(trajectory, seed, smoothing=True, outage=(40, 70), duration=110.0, state
         kalman.update(m)
     kalman.propagate(stream.end)
     return kalman
+
+
+def test_every_sample_can_be_recorded(city_drive):
+    """An interval of 0, the default, is that of the samples."""
+    each, even = (
+        run(city_drive, 1, outage=(0, 0), duration=12.0, interval=interval)
+        for interval in (0.0, 0.02)
+    )
+    smoothed = smooth(each.tape, each.P)
+    assert len(smoothed) == len(each.rows) >= len(even.rows) > 500
+    at = np.searchsorted(smoothed[:, 0], even.rows[:, 0] - 1e-6)
+    assert np.abs(smoothed[at] - smooth(even.tape, even.P))[:, 1:4].max() < 1e-6
 
 
 def position_covariance(rows):

@@ -1,8 +1,10 @@
-"""A made-up drive: analytic motion, a solution with drawn errors, and its update log."""
+"""A made-up drive: analytic motion, a solution with drawn errors, and its log; a browser."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -189,3 +191,64 @@ def _drive(
 def drive() -> Callable[..., tuple[Solution, Sequence]]:
     """Make a solution and its sequence; see `_drive` for the knobs."""
     return _drive
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """Chromium without a window."""
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        pytest.skip("no Chromium: pages are not looked at")
+    playwright = pytest.importorskip("playwright.sync_api", reason="no playwright: pages unseen")
+    with playwright.sync_playwright() as running:
+        flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+        launched = running.chromium.launch(executable_path=chromium, args=flags)
+        yield launched
+        launched.close()
+
+
+@pytest.fixture
+def look_at(browser) -> Iterator[Callable]:
+    """Open a page at a width of so many pixels and wait until it is drawn.
+
+    It fails the test if a page has an error on its console, asks anything of the network, or is
+    wider than its window.
+    """
+    complaints: list[str] = []
+    contexts = []
+
+    def go(file: Path, width: int = 1400):
+        context = browser.new_context(viewport={"width": width, "height": 900})
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", lambda m: complaints.append(m.text) if m.type == "error" else None)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on(
+            "request",
+            lambda r: None if r.url.startswith(("file:", "data:", "blob:"))
+            else complaints.append(f"asked {r.url}"),
+        )  # fmt: skip
+        page.goto(f"file://{file}")
+        page.wait_for_selector("body[data-ready=yes]", timeout=60_000)
+        wide = page.evaluate("() => document.documentElement.scrollWidth")
+        if wide > width:
+            complaints.append(f"{file.name} is {wide} px wide in a window of {width}")
+        return page
+
+    yield go
+    for context in contexts:
+        context.close()
+    assert complaints == []
+
+
+@pytest.fixture
+def plots_of() -> Callable:
+    """Return a function: alt text, width and height of every plot of an open page."""
+
+    def found(page) -> list[tuple[str, float, float]]:
+        return page.evaluate(
+            "() => [...document.querySelectorAll('.plot')].map(p => [p.getAttribute('aria-label'),"
+            " p.getBoundingClientRect().width, p.getBoundingClientRect().height])"
+        )
+
+    return found

@@ -1,13 +1,14 @@
 """The filter loop on simulated drives: exact data, noisy data, gaps, gates and recovery."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 
 from certnav.datasets.observations import GnssFixes
 from certnav.datasets.sequence import Sequence
-from certnav.datasets.series import ImuData
+from certnav.datasets.series import ImuData, Odometer
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.errors import AlignmentError, ConfigError, DataError
@@ -244,3 +245,21 @@ def test_a_fix_a_little_beyond_the_gate_is_weighted_down_not_refused():
     # Weighted down to the gate it moves the solution by a fraction of its jump.
     off = evaluate(soft, jumped).metrics["position_3d_rms_m"]
     assert off < 1.2 * evaluate(hard, jumped).metrics["position_3d_rms_m"]
+
+
+def test_a_late_odometer_is_put_in_step_and_its_unit_found():
+    """Half a second late and in pulses: the run finds both, says so, and then believes it."""
+    sequence = carried_drive(4)
+    reference = sequence.reference
+    time = np.arange(reference.time[0], reference.time[-1], 0.05)
+    speed = np.interp(time, reference.time, np.linalg.norm(reference.vel_e, axis=1))
+    config = from_tables({"vehicle": {"odometer": "on"}})
+    for late, scale, doubtful in ((0.0, 1.0, False), (0.5, 1.01, False), (0.5, 0.1966, True)):
+        odometer = Odometer(time + late, speed / scale)
+        found = navigate(dataclasses.replace(sequence, odometer=odometer), config)
+        (note,) = [n for n in found.notes if n.text.startswith("odometer: stamps")]
+        said = [float(v) for v in re.findall(r"\d+\.\d+", note.text)]
+        assert said[0] == pytest.approx(late, abs=0.05) and note.doubtful is doubtful
+        assert said[2] == pytest.approx(scale, rel=0.01)
+        wheel = [u.accepted for u in found.updates if u.kind == "odometer"]
+        assert np.mean(wheel) > 0.95 and len(wheel) > 50

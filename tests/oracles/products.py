@@ -1,4 +1,4 @@
-"""Precise products written from any function of time: SP3-c orbits and RINEX 3 clocks."""
+"""Precise products written from any function of time: SP3-c orbits, RINEX 3 clocks, ANTEX."""
 
 from __future__ import annotations
 
@@ -56,5 +56,38 @@ def write_clk(path: Path, names: list[str], times: np.ndarray, states: States) -
         for name, c in zip(names, clock, strict=True):
             stamp = _stamp(time, "{:4d} {:02d} {:02d} {:02d} {:02d} {:9.6f}")
             lines.append(f"AS {name}  {stamp}  2   {c:19.12E} {1e-11:19.12E}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def write_antex(path: Path, names: list[str], up_m: float) -> Path:
+    """Write antennas of satellites, so far in front of their centre of mass on two frequencies."""
+
+    def line(text: str, label: str) -> str:
+        return f"{text:60}{label}"
+
+    lines = [
+        line("     1.4            M", "ANTEX VERSION / SYST"),
+        line("A", "PCV TYPE / REFANT"),
+        line("", "END OF HEADER"),
+    ]
+    for name in names:
+        lines += [
+            line("", "START OF ANTENNA"),
+            line(f"{'BLOCK IIF':20}{name:20}{'G063':10}{'2011-036A':10}", "TYPE / SERIAL NO"),
+            line("     0.0", "DAZI"),
+            line("     0.0  17.0   1.0", "ZEN1 / ZEN2 / DZEN"),
+            line("     2", "# OF FREQUENCIES"),
+            line("  2011     7    16     0     0    0.0000000", "VALID FROM"),
+        ]
+        for band in ("01", "02"):
+            name_of = f"   {name[0]}{band}"
+            lines += [
+                line(name_of, "START OF FREQUENCY"),
+                line(f"{0.0:10.2f}{0.0:10.2f}{up_m * 1e3:10.2f}", "NORTH / EAST / UP"),
+                "   NOAZI" + "    0.00" * 18,
+                line(name_of, "END OF FREQUENCY"),
+            ]
+        lines.append(line("", "END OF ANTENNA"))
     path.write_text("\n".join(lines) + "\n")
     return path

@@ -54,6 +54,15 @@ def _rinex(folder: Path) -> Any:
     return read_observations(folder / "rover.obs", [folder / "brdc.nav"], signals="all")
 
 
+def _precise(folder: Path) -> Any:
+    from certnav.datasets.rtklib import precise_observations, read_observations, single_point
+
+    products = [folder / name for name in ("day.sp3", "day.clk", "igs.atx")]
+    broadcast = read_observations(folder / "rover.obs", [folder / "brdc.nav"])
+    found, _ = precise_observations(broadcast, products)
+    return single_point(found, [folder / "brdc.nav", *products])
+
+
 def _raw_log(folder: Path) -> Any:
     from certnav.datasets.loading import load
 
@@ -132,6 +141,7 @@ READ: dict[str, Callable[[Path], Any]] = {
     "rinex_2": _rinex,
     "real_rinex": _rinex,
     "relative": _relative,
+    "precise": _precise,
     "real_brdc0870": _navigation,
     "real_BRDC00IG": _navigation,
     "packed": _packed,

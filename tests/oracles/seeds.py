@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import gzip
 import os
+import shutil
 import zipfile
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -93,6 +94,7 @@ def make_seeds(root: Path, data: Path | None) -> list[Target]:
     out += _folder_seeds(root, d, rover, navigation)
     out += _rinex_seeds(root, rover, base, navigation, data)
     out += _own_seeds(root, d, rover, navigation, great)
+    out.append(_precise_seeds(root, d, rover, navigation))
     return [*out, *_raw_seeds(root, d, rover, navigation)]
 
 
@@ -251,6 +253,30 @@ def _whole_ephemerides(file: Path) -> None:
     lines = file.read_text("latin-1").splitlines(keepends=True)
     last = max(k for k, line in enumerate(lines) if line[0].isalpha())
     file.write_text("".join(lines[:last]), "latin-1")
+
+
+def _precise_seeds(root: Path, d: Drive, rover: Path, navigation: Path) -> Target:
+    """Write orbits, clocks and antennas of satellites that go straight on from where they are."""
+    from .products import write_antex, write_clk, write_sp3
+
+    folder = _folder(root, "precise")
+    shutil.copyfile(root / "rinex_3/rover.obs", folder / "rover.obs")
+    shutil.copyfile(navigation, folder / "brdc.nav")
+    o = d.simulation.observations
+    names = sorted(set(o.sat.tolist()))[:4]
+    row = {name: np.flatnonzero(o.sat == name)[0] for name in names}
+    begin = float(np.floor(o.time[0] / 900.0) * 900.0)
+
+    def states(sats: list[str], time: float) -> tuple[np.ndarray, np.ndarray]:
+        k = [row[sat] for sat in sats]
+        sent = o.time[0] - 0.075  # where they were when they sent
+        return o.sat_pos_e[k] + o.sat_vel_e[k] * (time - sent), np.full(len(sats), 1e-5)
+
+    write_sp3(folder / "day.sp3", names, begin + 900.0 * np.arange(-6, 8), states)
+    write_clk(folder / "day.clk", names, begin + 30.0 * np.arange(12), states)
+    write_antex(folder / "igs.atx", names, 1.5)
+    kinds = {"day.sp3": "text", "day.clk": "text", "igs.atx": "text"}
+    return Target("precise", "precise products", kinds, 8)
 
 
 def _raw_seeds(root: Path, d: Drive, rover: Path, navigation: Path) -> list[Target]:

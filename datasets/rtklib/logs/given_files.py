@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from ....filters.errors import DataError
+from ....filters.errors import DataError, made_of
 from ...receivers.bags import is_bag, ublox_log
 from ...text.rinex_packing import plain_rinex
 from ...text.rinex_repair import without_mark
-from .raw_logs import is_raw_log, raw_log
+from .raw_logs import RawLog, is_raw_log, raw_log
 
 
 @dataclass(frozen=True)
@@ -55,14 +55,14 @@ def given_files(
     plain = _plain(observations)
     own: Path | None = None
     if _is_log(plain):
-        log = raw_log(plain, near)
+        log = _converted(plain, near, observations)
         plain, own = log.observations, log.navigation
         notes.update(dict.fromkeys(log.notes))
     found = []
     for name in navigation:
         file = _plain(name)
         if _is_log(file):
-            log = raw_log(file, near)
+            log = _converted(file, near, name)
             notes.update(dict.fromkeys(log.notes))
             if log.navigation is None:
                 raise DataError(
@@ -75,6 +75,15 @@ def given_files(
     if not found and own is not None:
         found = [own]
     return GivenFiles(plain, tuple(found), tuple(notes))
+
+
+def _converted(log: Path, near: float | None, given: str | Path) -> RawLog:
+    """Return a log as RINEX whose errors name the file that was given."""
+    found = raw_log(log, near)
+    made_of(found.observations, given, lines=False)
+    if found.navigation is not None:
+        made_of(found.navigation, given, lines=False)
+    return found
 
 
 def _plain(name: str | Path) -> Path:

@@ -26,7 +26,8 @@ from ....filters.errors import DataError
 from ... import cache as shelf
 from ... import gpstime
 from ...formats.receiver_logs import log_bytes
-from ...receivers.raw_frames import FORMATS, Frames, find_frames
+from ...receivers.log_order import Ordered, in_order
+from ...receivers.raw_frames import FORMATS, Frames, find_frames, has_frames
 from ..satellites import GPS_EPOCH_GTIME
 
 _STRFMT = {
@@ -35,7 +36,12 @@ _STRFMT = {
 }  # fmt: skip
 _HERE = Path(__file__).resolve().parent
 _PROGRAM = _HERE / "raw_to_rinex.py"
-_CODE = [Path(__file__), _PROGRAM, _HERE.parents[1] / "receivers/raw_frames.py"]
+_CODE = [
+    Path(__file__), _PROGRAM,
+    *(_HERE.parents[1] / "receivers" / f for f in ("raw_frames.py", "log_order.py")),
+]  # fmt: skip
+#: So much of a file is looked at first.
+_HEAD = 1 << 16
 #: A decoder takes 0.1 s to start and 30 MB a second; so long that it must be caught in a loop.
 _PATIENCE_S, _SLOWEST = 30.0, 1e6
 #: Galileo's week 0 is GPS week 1024, BeiDou's is 1356.
@@ -66,10 +72,17 @@ class RawLog:
 
 
 def is_raw_log(path: str | Path) -> bool:
-    """Return whether a file begins like a receiver's log: a whole message of a known format."""
+    """Return whether a file is a receiver's log: it holds a whole message of a known format.
+
+    Text in front of the first, as a receiver writes NMEA until it is told otherwise, may be long.
+    """
     with Path(path).open("rb") as stream:
-        head = stream.read(1 << 16)
-    return b"\0" in head and bool(find_frames(head).frames)
+        head = stream.read(_HEAD)
+        if b"\0" in head and has_frames(head):
+            return True
+        if b"$G" not in head and b"\0" not in head:
+            return False
+        return has_frames(head + stream.read())
 
 
 def raw_log(path: str | Path, near: float | None = None) -> RawLog:
@@ -121,9 +134,11 @@ def _convert(path: Path, near: float | None) -> dict[str, np.ndarray]:
     frames = find_frames(log_bytes(path))
     name = frames.raw_format() or _refuse_no_observations(path, frames)
     at = _rtcm_epoch(path, frames, near) if name == "rtcm3" else None
+    ordered = in_order(frames, name)
     with tempfile.TemporaryDirectory(prefix="certnav-raw-") as scratch:
         log, obs, nav = (Path(scratch) / f"log.{ending}" for ending in ("raw", "obs", "nav"))
-        log.write_bytes(frames.only(name) + (_end_of_sbf(frames) if name == "sbf" else b""))
+        end = _end_of_sbf(ordered.frames) if name == "sbf" else b""
+        log.write_bytes(ordered.frames.only(name) + end)
         _decode(path, name, log, [obs, nav], at)
         observations, navigation = (_rinex(file, _station(frames)) for file in (obs, nav))
     if not observations:
@@ -133,7 +148,13 @@ def _convert(path: Path, near: float | None) -> dict[str, np.ndarray]:
             file=path,
             remedy="log where the receiver sees satellites",
         )
-    note = _found(frames, name, observations, navigation)
+    note = "; ".join(
+        [
+            *_found(frames, name, observations, navigation),
+            *_of_order(ordered),
+            *_of_others(frames, name),
+        ]
+    )
     return {
         "observations": np.frombuffer(observations, np.uint8),
         "navigation": np.frombuffer(navigation, np.uint8),
@@ -278,8 +299,8 @@ def _bits(body: bytes, start: int, size: int) -> int:
 # --- what is said of it ----------------------------------------------------------------------
 
 
-def _found(frames: Frames, name: str, observations: bytes, navigation: bytes) -> str:
-    """Return one line on what a log holds."""
+def _found(frames: Frames, name: str, observations: bytes, navigation: bytes) -> list[str]:
+    """Return what a log holds."""
     known, count = FORMATS[name], frames.count(name)
     measured = ", ".join(
         f"{count[n]} {word}" for n, word in sorted(known.observations.items()) if n in count
@@ -291,7 +312,7 @@ def _found(frames: Frames, name: str, observations: bytes, navigation: bytes) ->
         if line[:1].isalpha()
     )
     broadcast = ", ".join(f"{letter} {n}" for letter, n in sorted(ephemerides.items()))
-    parts = [
+    return [
         f"{known.name}, {measured}",
         _rate(epochs),
         f"signals {_signals(observations)}",
@@ -299,11 +320,25 @@ def _found(frames: Frames, name: str, observations: bytes, navigation: bytes) ->
         f"half cycles unresolved in {100 * half / max(phases, 1):.1f} % of {phases} phases",
         f"{lost} losses of lock",
     ]
-    if frames.damaged[name]:
-        parts.append(f"{frames.damaged[name]} damaged messages left out")
+
+
+def _of_order(ordered: Ordered) -> list[str]:
+    """Return what was done to put a log in the order of its time."""
+    said = []
+    if ordered.moved:
+        said.append(f"{ordered.moved} epochs that were behind later ones put before them")
+    if ordered.repeated:
+        said.append(f"{ordered.repeated} epochs of a time there is already left out")
+    return said
+
+
+def _of_others(frames: Frames, name: str) -> list[str]:
+    """Return what was passed over."""
+    damaged = frames.damaged[name]
     others = Counter(f.format for f in frames.frames if f.format != name)
-    parts += [f"{n} {FORMATS[other].name} messages passed over" for other, n in others.items()]
-    return "; ".join(parts)
+    return [f"{damaged} damaged messages left out"] * bool(damaged) + [
+        f"{n} {FORMATS[other].name} messages passed over" for other, n in others.items()
+    ]
 
 
 def _no_ephemeris(switch_on: str) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 
 #: Where nobody watches a bar there is a line so often [s].
 _EVERY = 10.0
@@ -19,6 +19,20 @@ def progress() -> AbstractContextManager[Callable[[float, str], None]]:
     if os.environ.get(QUIET):
         return nullcontext(lambda fraction, what: None)
     return _RichProgress() if sys.stderr.isatty() else LineProgress()
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Say nothing of progress: what works for others leaves that to them."""
+    before = os.environ.get(QUIET)
+    os.environ[QUIET] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[QUIET]
+        else:
+            os.environ[QUIET] = before
 
 
 class LineProgress:

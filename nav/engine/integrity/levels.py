@@ -18,11 +18,12 @@ import numpy as np
 from ....filters.earth import C_en_of
 from ....filters.ekf import ErrorStateFilter
 from ....filters.error_model import POS
+from ....filters.measurements import Measurement
 from ....filters.rotation import FloatArray
 from .responses import Responses
 
-#: Spacing of levels in time [s]; what changes them is updates.
-_SPACING = 1.0
+#: Spacing of levels in time [s]; what changes them is updates, and without them they grow.
+_SPACING, _WITHOUT = 1.0, 2.0
 #: North, east and down are kept so far [m]: they turn by 0.01°.
 _SAME_AXES = 1000.0
 
@@ -64,9 +65,18 @@ class Levels(Responses):
     def predict(self, time: float, phi: FloatArray, P: FloatArray) -> None:
         """See `filters.ekf.Follower`."""
         super().predict(time, phi, P)
-        if time >= self._due - 1e-3:
-            self._made.append((time, *self.level(P)))
-            self._due = time + _SPACING
+        if time >= self._due + _WITHOUT - _SPACING - 1e-3:
+            self._make(P)
+
+    def correct(self, P: FloatArray, measurement: Measurement) -> None:
+        """See `filters.ekf.Follower`."""
+        if self._time >= self._due - 1e-3:
+            self._make(P)
+        super().correct(P, measurement)
+
+    def _make(self, P: FloatArray) -> None:
+        self._made.append((self._time, *self.level(P)))
+        self._due = self._time + _SPACING
 
     @property
     def made(self) -> FloatArray:

@@ -62,7 +62,7 @@ class Responses:
         self.names: list[str] = []
         self.columns = np.zeros((REST + _DIRECTIONS, states, 0))
         self._index: dict[str, int] = {}
-        self._begin = time
+        self._begin = self._time = time
         size = THETA.size
         self._known = _Known(
             np.zeros((0, size, size)), np.zeros((0, size)), np.zeros((4, 0)), np.zeros((3, 0))
@@ -77,12 +77,14 @@ class Responses:
     def predict(self, time: float, phi: FloatArray, P: FloatArray) -> None:
         """See `filters.ekf.Follower`."""
         self.columns = phi @ self.columns
-        if time - self._begin >= BLOCK:
-            self._close(np.sqrt(np.diag(P)))
-            self._begin = time
+        self._time = time
 
     def correct(self, P: FloatArray, measurement: Measurement) -> None:
         """See `filters.ekf.Follower`."""
+        # Here, for how far a prediction goes at a time is the smoother's choice, too.
+        if self._time - self._begin >= BLOCK:
+            self._close(np.sqrt(np.diag(P)))
+            self._begin = self._time
         H, biases = measurement.H, measurement.biases
         at = self._at(biases) if biases is not None else None
         HP, change = H @ P, -(H @ self.columns)

@@ -72,13 +72,13 @@ class CertifiedStart:
             return None
         if self._aligner is None:
             self._aligner, self.first_epoch = self._new_aligner(), epoch.time
-        self.unplaced |= epoch.assumed
+        self.unplaced |= epoch.given is not None
         made = self._aligner.add(epoch)
         if made is None:
             return None
-        position = self.fixes.position or _assumed(epoch)
+        position = self.fixes.position or _given(epoch, made.alignment)
         age = self.config.position_age_s
-        far = position is None or abs(position.time - epoch.time) > age
+        far = position is None or (epoch.given is None and abs(position.time - epoch.time) > age)
         message = made.message
         if made.passed and far:
             message += f"; but no GNSS position within {age:g} s to start from"
@@ -196,9 +196,20 @@ def _moved(found: InertialAlignment, since: float) -> tuple[FloatArray, float]:
     return way, 0.5 * _ACCELERATION * before**2 + curved
 
 
-def _assumed(epoch: DopplerEpoch) -> GnssEvent | None:
-    """Return the position that lines of sight were computed for, where there are no others."""
-    if not epoch.assumed:
+def _given(epoch: DopplerEpoch, found: InertialAlignment | None) -> GnssEvent | None:
+    """Return the one position there is where it is none of the receiver's; None where it is.
+
+    A window that reaches back to when it holds, and knows its velocity, carries it from there.
+    For any other it is where lines of sight were computed for: as far off as a vehicle gets.
+    """
+    if epoch.given is None:
         return None
-    cov_e = epoch.position_sigma**2 * np.eye(3)
-    return GnssEvent(epoch.time, "position", epoch.pos_e, cov_e)
+    since, sigma = epoch.given
+    carried = (
+        found is not None
+        and float(found.track.time[0]) - since <= POSITION_NEAR
+        and float(np.sqrt(np.linalg.eigvalsh(found.cov[3:6, 3:6])[-1])) <= _CARRIES
+    )
+    if carried:
+        return GnssEvent(since, "position", epoch.pos_e, sigma**2 * np.eye(3))
+    return GnssEvent(epoch.time, "position", epoch.pos_e, epoch.position_sigma**2 * np.eye(3))

@@ -97,11 +97,11 @@ class StartFinder:
             if certified is not None:
                 return self._known(certified)
         self._fallback = self._fallback or self._known(levelled)
-        if self._fallback is None or self.method == "certified":
+        waited = self._certified.first_epoch is None or event.time >= self._deadline
+        fallback = self._fallback or self._known(self._levelled.unheard)
+        if fallback is None or self.method == "certified" or not waited:
             return None
-        if self._certified.first_epoch is None or event.time >= self._deadline:
-            return self._without_certificate(self._fallback)
-        return None
+        return self._without_certificate(fallback)
 
     def close(self) -> Start:
         """Return the start from what there is: no more will come.

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ....alignment.direction import course_fit, log_odds
+from ....alignment.direction import Fit, course_fit, log_odds
 from ....alignment.levelling import (
     LARGEST_SIGMA_HEADING,
     LEVEL_WINDOW,
@@ -31,6 +31,10 @@ _AGAIN = 1.0
 #: those that are enough: once in a thousand starts such odds are wrong.
 _FORWARDS, _SURE = float(np.log(100.0)), float(np.log(1000.0))
 _OPEN = "nose or tail first is not decided"
+_ALONE = "other velocities do not bear out the course"
+#: Satellites of a velocity that are too many to be reflections at one facade, which hides half of
+#: the sky, and to agree.
+_MANY = 8
 #: Longer than this after its instant an attitude is not disputed any more [s].
 _GIVEN_UP = 25.0
 
@@ -55,12 +59,19 @@ class LevelledStart:
     imu : ImuSpec
     say : callable
         Told what is missing.
+
+    Attributes
+    ----------
+    unheard : Start or None
+        The first that nothing spoke against and nothing bore out in the time it could have been:
+        for want of a better one.
     """
 
     def __init__(
         self, fixes: Fixes, config: AlignmentConfig, imu: ImuSpec, say: Callable[[str], None]
     ) -> None:
         self.fixes, self.config, self.imu, self.say = fixes, config, imu, say
+        self.unheard: Start | None = None
         self._due: float | None = None
         self._after = -np.inf
 
@@ -97,13 +108,16 @@ class LevelledStart:
             self.say(fit.against)
             self._due, self._after = now + _AGAIN, attitude.time + 1e-3
             return None
-        if odds < _SURE:
-            self.say(f"{_OPEN}: a turn or a change of speed would tell")
-            self._due = now + _AGAIN
-            if now > attitude.time + _GIVEN_UP:
-                self._after = now - _AGAIN  # what gyros carry no further is tried anew
-            return None
-        return self.fixes.start(self._as_sure_as(attitude, fit.sigma))
+        doubt = self._doubt(attitude, odds, fit)
+        if not doubt:
+            return self._start(attitude, fit)
+        self.say(f"{doubt}: a turn or a change of speed would tell")
+        self._due = now + _AGAIN
+        if now > attitude.time + _GIVEN_UP:
+            self._after = now - _AGAIN  # what gyros carry no further is tried anew
+            if doubt is _ALONE and self.unheard is None:
+                self.unheard = self._start(attitude, fit, doubt)
+        return None
 
     def at_last(self) -> Start:
         """Return the start from what there is: no more will come.
@@ -113,22 +127,45 @@ class LevelledStart:
         AlignmentError
             Why there is none.
         """
+        if self.unheard is not None:
+            return self.unheard
         self._after = -np.inf
         attitude, odds = self._attitude()
         while (fit := course_fit(self.fixes.stream, self.fixes.track(), attitude)).against:
             self._after = attitude.time + 1e-3
             attitude, odds = self._attitude()
-        attitude = self._as_sure_as(attitude, fit.sigma)
+        doubt = self._doubt(attitude, odds, fit)
+        return self._start(
+            attitude, fit, f"{doubt}: the likelier is taken" if odds < _SURE else doubt
+        )
+
+    def _doubt(self, attitude: InitialAttitude, odds: float, fit: Fit) -> str:
+        """Return what is still open about an attitude, if anything is.
+
+        Few satellites may all be reflections, and agree: others have to bear such a velocity out.
+        """
         if odds < _SURE:
-            message = f"{attitude.message}; {_OPEN}: the likelier is taken"
-            attitude = replace(attitude, message=message)
-        return self.fixes.start(attitude)
+            return _OPEN
+        return "" if fit.borne_out or len(self._behind(attitude)) >= _MANY else _ALONE
+
+    def _behind(self, attitude: InitialAttitude) -> tuple[str, ...]:
+        """Return the satellites of the velocity that the course is of; none if they are unknown."""
+        return next((v.satellites for v, _ in self.fixes.pairs if v.time == attitude.time), ())
+
+    def _start(self, attitude: InitialAttitude, fit: Fit, doubt: str = "") -> Start:
+        """Return the start; what is open about it is said."""
+        few = 0 < len(self._behind(attitude)) < _MANY
+        attitude = self._as_sure_as(attitude, LARGEST_SIGMA_HEADING if few else fit.sigma)
+        if doubt:
+            attitude = replace(attitude, message=f"{attitude.message}; {doubt}")
+        return replace(self.fixes.start(attitude), doubt=doubt)
 
     def _as_sure_as(self, attitude: InitialAttitude, sigma: float) -> InitialAttitude:
         """Return an attitude whose heading is no better known than what bears it out.
 
-        A velocity may be wrong by far more than it says, and its course with it; beyond 10° (1σ)
-        it is the filter that bears no more.
+        A velocity may be wrong by far more than it says, and its course with it; of few satellites
+        that is seldom, and then by tens of degrees. Beyond 10° (1σ) it is the filter that bears no
+        more.
         """
         sigma = min(sigma, LARGEST_SIGMA_HEADING)
         if sigma <= attitude.sigma_heading:
@@ -141,9 +178,7 @@ class LevelledStart:
         """Return the likelier attitude, and ln of the odds for it against half a turn more."""
         forwards, backwards = self.attitude(), self.attitude(backwards=True)
         odds = _FORWARDS + log_odds(self.fixes.stream, self.fixes.track(), forwards, backwards)
-        if odds >= 0.0:
-            return forwards, odds
-        return replace(backwards, message=f"{backwards.message}, reversing"), -odds
+        return (forwards, odds) if odds >= 0.0 else (backwards, -odds)
 
     def attitude(self, backwards: bool = False) -> InitialAttitude:
         """Return the attitude from all there is so far.

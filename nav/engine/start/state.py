@@ -45,6 +45,8 @@ class Start:
         Where the position is from: what is wrong with it is wrong with the ones that follow.
     known : float
         GPS time of the event at which it was found: nothing later has told of it [s].
+    doubt : str
+        What was still open when the data ended, and was taken as likelier; '' if nothing was.
     """
 
     attitude: InitialAttitude
@@ -57,6 +59,7 @@ class Start:
     attempts: tuple[tuple[float, str], ...] = field(default=())
     fix: GnssEvent | None = None
     known: float = float("nan")
+    doubt: str = ""
 
     def report(self, began: float) -> AlignmentReport:
         """Return how it was found, for the result; `began` is the beginning of the data [s]."""

@@ -90,13 +90,24 @@ class HeadingMonitor:
         self._felt_b = back.T @ self._felt_b + felt_b
         self._turned = self._turned @ back
 
-    def take(self, velocity: GnssEvent, kalman: ErrorStateFilter) -> None:
-        """Take a velocity of the antenna, whatever becomes of it in the filter."""
+    def take(
+        self, velocity: GnssEvent, kalman: ErrorStateFilter, agreed: tuple[str, ...] = ()
+    ) -> None:
+        """Take a velocity of the antenna, whatever becomes of it in the filter.
+
+        But where enough satellites for a velocity of their own, `agreed`, were just taken by the
+        filter and say another: then one of the two groups is of reflections, and which, neither
+        tells. All satellites of a filter led astray say the same.
+        """
         time, vel_e = velocity.time, velocity.value_e
         if not np.isfinite(vel_e).all():
             return
         if self._intervals and time - self._intervals[-1].time < _APART:
             return
+        if len(agreed) >= 4 and not set(velocity.satellites) <= set(agreed):
+            theirs_e = kalman.vel_e + kalman.C_eb @ np.cross(kalman.omega_b, self.lever_antenna_b)
+            if np.linalg.norm(vel_e - theirs_e) > _SIGMAS * velocity.sigma:
+                return
         self._gravity_e = gravity_e(kalman.pos_e)
         near = np.clip(kalman.bias[:6] - self._start_bias, -self._spread, self._spread)
         self._believed = self._start_bias + near
@@ -152,7 +163,7 @@ class HeadingMonitor:
             (np.cumsum(felt_n, axis=0) + lever_n)[:, :2],
             C_nb,
         )
-        if found is None:
+        if found is None or not found.tells:
             return 0.0, np.inf
         limit = _SIGMAS * float(np.hypot(found.sigma, np.radians(_sigma_deg(kalman))))
         return found.offset, max(limit, LARGEST_SIGMA_HEADING)

@@ -24,8 +24,8 @@ def test_consensus_needs_nine_rows_of_ten(rejected, passed):
     verdict = doubts.consensus(np.arange(100) >= rejected, OPTIONS)
     assert verdict.name is Ask.CONSENSUS and verdict.passed == passed
     assert (verdict.value, verdict.limit) == (1.0 - rejected / 100, 0.9)
-    assert verdict.message.startswith(f"{100 - rejected} of 100 rows agree")
-    assert verdict.message.endswith("90 % are needed") == (not passed)
+    kept = f"{100 - rejected} of 100 rows agree"
+    assert verdict.message == (kept if passed else f"at most {kept}, 90 % are needed")
 
 
 def test_rows_at_rest_do_not_outvote_those_in_motion():
@@ -35,7 +35,7 @@ def test_rows_at_rest_do_not_outvote_those_in_motion():
     assert doubts.consensus(inliers, OPTIONS).passed
     verdict = doubts.consensus(inliers, OPTIONS, moves)
     assert not verdict.passed and verdict.value == pytest.approx(14 / 24)
-    assert verdict.message.startswith("14 of 24 rows in motion agree, 90 % are needed")
+    assert verdict.message.startswith("at most 14 of 24 rows in motion agree, 90 % are needed")
     # Too few in motion for a share of them to mean anything.
     assert doubts.consensus(inliers, OPTIONS, np.arange(156) >= 147).passed
 

@@ -108,6 +108,21 @@ def test_a_standstill_on_the_way_gives_the_gyro_bias():
     assert np.all(sigma < 25.0)
 
 
+def test_ten_seconds_in_motion_are_looked_at_however_long_it_stood():
+    """Three seconds after setting off nothing contradicts a facade; a canyon started 27° off."""
+    simulation, stream, observations, pos_e = drive(6, 30.0, static_start=15.0)
+    lever = simulation.calibration.lever_antenna_b
+    tried = list(attempts(stream, observations, pos_e, lever, MotionOptions(INERTIAL)))
+    speed = np.linalg.norm(simulation.reference.vel_e, axis=1)
+    set_off = simulation.reference.time[np.argmax(speed > 0.1)]
+    early = [a for a in tried if a.time < set_off + 9.0]
+    assert all(a.alignment is None for a in early)
+    assert early[0].message == "not aligned: at rest, needs motion"
+    assert early[-1].message == "not aligned: in motion for 9 s, needs 10 s of it"
+    first = next(a for a in tried if a.alignment is not None)
+    assert set_off + 9.0 <= first.time <= set_off + 11.0
+
+
 def test_window_slides(moving):
     simulation, stream, observations, pos_e = moving
     options = MotionOptions(INERTIAL, shortest=5.0, longest=12.0, every=4.0)

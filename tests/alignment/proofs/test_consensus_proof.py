@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from certnav.alignment.priors import up_prior
 from certnav.alignment.problem import AlignmentRows
 from certnav.alignment.proofs.consensus_proof import consensus, prove_consensus, row_weights
+from certnav.alignment.proofs.stabbing import reached, stabbed
 from certnav.alignment.reference.simulation import simulate_window
 from certnav.alignment.solver.refinement import rotation_angle
 from certnav.filters.errors import ConfigError
@@ -162,3 +163,28 @@ def test_a_vertical_excludes_the_mirror_and_only_what_it_contradicts():
         priors=[up_prior(w.C_ew.T @ up_e, C_en, 10.0)],
     )  # fmt: skip
     assert not loose.proved
+
+
+@pytest.mark.parametrize("size", [1, 7, 24, 25, 200])
+def test_what_is_decided_without_sorting_is_what_sorting_says(size):
+    """Groups below and above what is sorted, ties and reaches that take in everything."""
+    rng = np.random.default_rng(size)
+    member = rng.permutation(3 * size)
+    first = np.array([0, size, 2 * size, 3 * size])
+    weight, speed, half = rng.uniform(0.1, 1.0, (3, 3 * size))
+    z = np.round(rng.normal(size=3 * size), 1)
+    cosine = np.round(rng.uniform(-1.0, 1.0, (200, 3 * size)), 2)
+    for reach in (0.02, 0.4, 1.5, 3.0):
+        angle = np.arccos(cosine)
+        low = speed * np.cos(np.minimum(angle + reach, np.pi)) - z - half
+        high = speed * np.cos(np.maximum(angle - reach, 0.0)) - z + half
+        most = np.zeros(len(cosine))
+        stabbed(low, high, member, first, weight, most)
+        for least in np.quantile(most, [0.0, 0.1, 0.5, 0.9, 1.0]) * (1.0 + 1e-9):
+            out = np.zeros(len(cosine), dtype=bool)
+            reached(
+                speed, cosine, np.cos(reach), np.sin(reach), z, half, member, first, weight,
+                least, out,
+            )  # fmt: skip
+            assert np.array_equal(out, most >= least)
+            assert not out.all() or least <= most.min()

@@ -240,3 +240,18 @@ def test_a_simulated_sequence_survives_being_zipped(tmp_path):
     np.testing.assert_array_equal(after.inertial.accel_b, before.inertial.accel_b)
     np.testing.assert_array_equal(after.observations.range_rate, before.observations.range_rate)
     np.testing.assert_array_equal(after.reference.pos_e, before.reference.pos_e)
+
+
+def test_a_folder_of_the_sequence_s_name_tells_archives_that_are_called_alike(here):
+    source, home = here
+    archives = []
+    for name, start in (("campus-01", CAMPUS_01), ("Urban_01", URBAN_01)):
+        (source / name).mkdir()
+        archives.append(zipped(source / name, "IMU.zip", {"IMU/m.txt": imu(start, 200.0)}))
+    report = import_archives(archives, home)
+    assert tree(home) == [
+        "Dataset_campus-01/IMU/MEMS_imu_data.txt", "Dataset_urban-01/IMU/MEMS_imu_data.txt",
+    ]  # fmt: skip
+    assert {s for s, _ in report.placed} == {
+        "campus-01/IMU.zip:IMU/m.txt", "Urban_01/IMU.zip:IMU/m.txt",
+    }  # fmt: skip

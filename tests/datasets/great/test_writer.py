@@ -162,3 +162,26 @@ def test_a_failed_run_leaves_nothing(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="no space"):
         simulate_folder(dataclasses.replace(CONFIG, duration=15.0), tmp_path / "sim")
     assert not any(tmp_path.iterdir())
+
+
+def test_a_simulated_folder_never_passes_for_the_sequence_it_is_named_after(tmp_path, folder):
+    config = dataclasses.replace(CONFIG, duration=20.0, static_start=5.0)
+    named = read_great(simulate_folder(config, tmp_path / "Dataset_campus-01"))
+    assert named.name == "Dataset_campus-01-simulated"
+    assert any(note.startswith("simulated drive") for note in named.notes)
+    assert read_great(folder).name == "Dataset_simulated"
+
+
+def test_drives_of_a_day_may_share_their_satellites():
+    apart = [
+        simulate(SimulationConfig(duration=10.0, seed=seed, sky_seed=9, start=start)).ephemerides
+        for seed, start in ((1, datetime(2020, 10, 27, 2)), (2, datetime(2020, 10, 27, 9)))
+    ]
+    first, second = apart
+    assert second.toe - first.toe >= 6 * 3600.0
+    later = first.shifted(second.toe)
+    at = np.array([1000.0])
+    there, here = (e.state(np.repeat(at[:, None], 31, axis=1))[0] for e in (second, later))
+    np.testing.assert_allclose(there, here, atol=1e-2)
+    other = simulate(SimulationConfig(duration=10.0, seed=1, start=datetime(2020, 10, 27, 2)))
+    assert not np.allclose(other.ephemerides.m0, first.m0)

@@ -97,6 +97,30 @@ def test_a_log_and_its_twin_have_one_solution(tmp_path, twin, epochs, ephemeride
     np.testing.assert_array_equal(read.cn0, twins.cn0)
 
 
+def test_pyubx2_reads_what_was_meant(epochs, ephemerides):
+    """The log that the tests write is what u-blox's messages are, says another reader of them."""
+    pyubx2 = pytest.importorskip("pyubx2")
+    time, rows = epochs[7]
+    raw = logs.rawx(time, rows)
+    m = pyubx2.UBXReader.parse(raw)
+    assert (m.identity, m.numMeas, m.week) == ("RXM-RAWX", len(rows), int(time // 604800))
+    assert m.rcvTow == time % 604800 and m.leapS == 18
+    for k, row in enumerate(rows, start=1):
+        names = ("prMes", "cpMes", "doMes", "gnssId", "svId", "sigId", "cno", "prValid", "halfCyc")
+        found = [getattr(m, f"{name}_{k:02d}") for name in names]
+        expected = [row.pseudorange, row.carrier, np.float32(row.doppler), 0, int(row.sat[1:]), 0]
+        assert found[:6] == pytest.approx(expected, rel=1e-12)
+        assert found[6:] == [row.cn0, 1, 1]
+    again = pyubx2.UBXMessage(b"\x02", b"\x15", pyubx2.GET, payload=raw[6:-2])
+    assert again.serialize() == raw
+    name, ephemeris = ephemerides[0]
+    words = [w << 6 for w in logs.lnav(ephemeris, 1, time)]
+    m = pyubx2.UBXReader.parse(logs.sfrbx(name, words))
+    assert (m.identity, m.gnssId, m.svId, m.numWords) == ("RXM-SFRBX", 0, int(name[1:]), 10)
+    said = [getattr(m, f"dwrd_{k:02d}") for k in range(1, 11)]
+    assert said == words
+
+
 def test_the_ephemerides_of_a_log_are_those_that_were_sent(tmp_path, drive, frames):
     """The message holds them in steps; orbits are metres, steps centimetres."""
     log = raw_log(written(tmp_path, "drive.ubx", frames))
@@ -195,6 +219,49 @@ def test_a_log_is_taken_wherever_rinex_is(tmp_path, drive, frames, twin):
         load(written(tmp_path, "bare.ubx", frames[-60:]))
 
 
+def test_text_before_the_first_message_may_be_long(tmp_path, frames):
+    """A receiver writes NMEA until it is told otherwise: an hour of it is a megabyte."""
+    late = written(tmp_path, "late.ubx", [NMEA * 5000, *frames])
+    assert is_raw_log(late) and len(given_files(late).navigation) == 1
+    assert 'observations = "late.ubx"' in draft_declaration([late])
+    assert not is_raw_log(written(tmp_path, "talk.nmea", [NMEA * 5000]))
+
+
+@pytest.mark.parametrize("kind", ["ubx", "sbf", "novatel"])
+def test_parts_in_any_order_are_one_log(tmp_path, epochs, ephemerides, kind):
+    """As a folder lists them, or twice: the same observations, and what was done is said."""
+    make = {
+        "ubx": lambda e: logs.ubx_log(e, ephemerides)[1:],
+        "sbf": lambda e: logs.sbf_log(e, ephemerides, WAVELENGTH),
+        "novatel": lambda e: logs.novatel_log(e, ephemerides),
+    }[kind]
+    plain = raw_log(written(tmp_path, f"plain.{kind}", make(epochs)))
+    parts = [make(epochs[40:]), make(epochs[:20]), make(epochs[15:40])]
+    mixed = raw_log(written(tmp_path, f"mixed.{kind}", [f for part in parts for f in part]))
+    assert "moved" not in plain.notes[0]
+    assert mixed.observations.read_text().partition("END OF")[2].split("\n", 1)[1].count("> ") == (
+        len(epochs)
+    )
+    one, other = (read_observations(x.observations, [x.navigation]) for x in (plain, mixed))
+    np.testing.assert_array_equal(one.time, other.time)
+    np.testing.assert_array_equal(one.pseudorange, other.pseudorange)
+    assert "that were behind later ones put before them; 5 epochs of a time" in mixed.notes[0]
+
+
+def test_errors_name_the_file_that_was_given(tmp_path, drive, frames):
+    """Not the copy that was unpacked or converted of it."""
+    import gzip
+
+    log = written(tmp_path, "base.ubx", frames)
+    base = given_files(log).observations
+    with pytest.raises(DataError, match=rf"^{log}: no position of the base.*its log tells none"):
+        relative_positions(drive.rover_file, base, drive.navigation)
+    cut = tmp_path / "cut.obs.gz"
+    cut.write_bytes(gzip.compress(drive.rover_file.read_bytes()[:20000]))
+    with pytest.raises(DataError, match=rf"^{cut}:\d+: "):
+        read_observations(given_files(cut).observations, drive.navigation)
+
+
 def test_conversion_is_kept(tmp_path, frames, monkeypatch):
     log = written(tmp_path, "drive.ubx", frames)
     with kept_in(tmp_path / "kept"):
@@ -218,6 +285,7 @@ def test_a_drive_is_drafted_from_a_log_and_an_imu(tmp_path, drive, frames):
     ]
     imu.write_text("\n".join(rows))
     draft = draft_declaration([log, imu])
+    assert "week = 2129: drive.ubx begins at second 180600 of it" in draft
     assert 'observations = "drive.ubx"\nnavigation = ["drive.ubx"]' in draft
     with pytest.raises(ConfigError, match=r"drafted for drive\.ubx and imu\.csv; \d+ answers"):
         declaration_of(log, imu)
@@ -240,6 +308,21 @@ def test_a_drive_is_drafted_from_a_log_and_an_imu(tmp_path, drive, frames):
     with pytest.raises(ConfigError, match=r"\[imu\] file: expected .*other\.csv"):
         (tmp_path / "other.csv").write_text(imu.read_text())
         declaration_of(log, tmp_path / "other.csv")
+
+
+def test_a_receivers_own_fixes_go_beside_an_imu_likewise(tmp_path):
+    imu = tmp_path / "imu.csv"
+    imu.write_text("t,gx,gy,gz,ax,ay,az\n" + "".join(f"{k},0,0,0,0,0,-9.8\n" for k in range(99)))
+    log = written(tmp_path, "talk.nmea", [NMEA * 50])
+    with pytest.raises(ConfigError, match="drafted for"):
+        declaration_of(log, imu)
+    file = tmp_path / "talk.toml"
+    text = file.read_text()
+    assert '[gnss]\nfile = "talk.nmea"' in text
+    file.write_text(text.replace('"?"', '"FRD"'))
+    assert declaration_of(log, imu) == file
+    with pytest.raises(DataError, match="found a folder"):
+        declaration_of(tmp_path, imu)
 
 
 def test_a_base_in_rtcm_is_its_rinex(tmp_path, drive):

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from certnav.datasets.series import ImuData
 from certnav.filters.sensors import STANDARD_GRAVITY, imu_preset
-from certnav.nav.check.inertial import frozen, gravity, noise, sampling, saturated
+from certnav.nav.check.inertial import (
+    frozen,
+    gravity,
+    inertial_findings,
+    noise,
+    sampling,
+    saturated,
+)
 from certnav.velocity.tracks import Track
 
 RATE = 100.0
@@ -172,3 +180,9 @@ def test_noise_off_by_more_than_two_is_said_and_not_doubted(factor, says):
     assert ("off by a factor " in of_gyro.found) is says
     assert ("certnav allan" in of_gyro.remedy) is says
     assert not of_accel.remedy
+
+
+def test_less_than_a_second_is_fatal_and_nothing_else_is_said():
+    drive = SimpleNamespace(inertial=imu(seconds=0.4))
+    (found,) = inertial_findings(drive, None)
+    assert found.severity == "fatal" and "40 rows" in found.found

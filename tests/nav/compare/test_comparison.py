@@ -12,6 +12,7 @@ import pytest
 from certnav.datasets.loading import load
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.filters.earth import ecef_to_lla
 from certnav.filters.errors import ConfigError, DataError
 from certnav.nav.commands import compare as compare_command
 from certnav.nav.compare.comparison import compare
@@ -20,6 +21,7 @@ from certnav.nav.compare.methods import METHODS, parse_methods
 from certnav.nav.compare.report import build_page, write_page
 from certnav.nav.compare.runs import Comparison, Run, as_dict
 from certnav.nav.config import Config
+from certnav.nav.config_files import from_tables
 from certnav.nav.spells.outages import parse_outages
 from certnav.nav.windows.recording import summary
 
@@ -165,6 +167,36 @@ def test_nothing_to_merge_is_said(tmp_path):
         merge([tmp_path])
 
 
+def test_a_position_given_by_hand_is_enough_to_compare_coupling_with_alignment_alone():
+    """No position in the recording, but Doppler: what needs none starts where it is said to be.
+
+    The place holds at the beginning: what was driven until the start is added to it.
+    """
+    simulation = simulate(
+        SimulationConfig(
+            name="made", seed=4, duration=110.0, density="open", imu_rate=25.0, static_start=5.0,
+            imu="tactical",
+        )
+    )  # fmt: skip
+    sequence = simulation.sequence()
+    seen = sequence.observations
+    nothing = np.full(len(seen), np.nan)
+    without = seen.with_columns(pseudorange=nothing, carrier=nothing)
+    drive = dataclasses.replace(sequence, observations=without, navigation=())
+    latitude, longitude, height = ecef_to_lla(sequence.reference.pos_e[0])
+    near = [float(np.degrees(latitude)), float(np.degrees(longitude)), float(height)]
+    config = from_tables({"gnss": {"near_deg": near, "near_radius_km": 0.01}})
+    methods = parse_methods("gnss-only,alignment-only,certified-only,lc4")
+    with pytest.raises(ConfigError, match="near_deg"):
+        compare([drive], methods, parse_outages("none"), Config())
+    found = as_dict(compare([drive], methods, parse_outages("none"), config))["methods"]
+    assert found["gnss-only"]["not_available"] == ["made: no GNSS positions"]
+    coupled, alone = (found[n]["errors"]["horizontal_rms_m"] for n in ("lc4", "alignment-only"))
+    assert coupled < 12.0 and coupled < 0.5 * alone
+    assert found["lc4"]["consistency"]["nees_out"] < 9.0
+    assert found["certified-only"]["errors"]["heading_rms_deg"] < 3.0
+
+
 def test_unknown_method_names_the_nearest():
     with pytest.raises(ConfigError, match=r"lc\+rows"):
         parse_methods("lc+row")
@@ -207,3 +239,36 @@ def test_window_headings_are_on_the_page():
     weak = {"windows_in_spells": 0, "solved_in_spells": 0, "mae_in_spells_deg": float("nan")}
     run = Run("alignment-heading", "drive", "@0", headings=summary([]) | weak)
     assert "Heading of sliding-window alignment" in build_page(Comparison((run,), {}, "60/180"))
+
+
+def test_spells_are_where_they_can_be_judged_and_satellites_be_left():
+    """Of 15 s in every 30 s: one whose end no reference has seen, one without observations."""
+    drive = _drive(noise=False)
+    begin = drive.span[0]
+    reference, observed = drive.reference, drive.observations
+    # Spells end at second 30, 60, 90, 120 and 150; the reference is blind around second 90.
+    seen = np.abs(reference.time - begin - 90.0) > 4.0
+    blind = dataclasses.replace(
+        drive,
+        reference=dataclasses.replace(
+            reference,
+            **{
+                f.name: getattr(reference, f.name)[seen]
+                for f in dataclasses.fields(reference)
+                if isinstance(getattr(reference, f.name), np.ndarray)
+                and len(getattr(reference, f.name)) == seen.size
+            },
+        ),
+        observations=observed.take(observed.time < begin + 125.0),
+    )
+    found = compare([blind], parse_methods("lc4"), parse_outages("15/30:2"), Config())
+    ends = [round(spell.end - begin) for spell in found.runs[0].spells]
+    assert ends == [30, 60, 120]
+    assert any(
+        "1 of 4 spells that the reference has not seen begin or end" in n for n in found.notes
+    )
+    assert any("spells up to second 124: later there are no observations" in n for n in found.notes)
+    none_left = compare([blind], parse_methods("lc4"), parse_outages("15/30"), Config())
+    assert [round(s.end - begin) for s in none_left.runs[0].spells] == [30, 60, 120, 150]
+    with pytest.raises(DataError, match="has seen none of 1 spells begin and end"):
+        compare([blind], parse_methods("lc4"), parse_outages("15/90:2"), Config())

@@ -86,7 +86,8 @@ def test_each_takes_the_place_of_the_one_of_its_epoch(finds):
     assert out[1] is events[1] and out[2] is events[2]
     finds([10.0, 11.0], 5.0, ["fixed", "float"])
     assert [event.resolved for event in replaced(single([10.0, 11.0]))[0]] == [True, False]
-    assert said.startswith("RTK: 1 float, 1 single; forward, 2 frequencies of GE; base at [")
+    shares = "0 fixed (0 %), 1 float, 1 without a relative position"
+    assert said.startswith(f"RTK: {shares}; forward, 2 frequencies of GE; base at [")
     assert said.endswith("m (declared)")
     assert (resolution.fixed, resolution.floating, resolution.single) == (0, 1, 1)
     assert asked["rover"] is SEQUENCE.rover_file and asked["base"] == (BASE,)
@@ -96,7 +97,7 @@ def test_each_takes_the_place_of_the_one_of_its_epoch(finds):
 def test_all_of_them_leave_no_single_one(finds):
     finds([10.0, 11.0], 0.0)
     _, said, resolution, notes = replaced(single([10.0, 11.0]))
-    assert said.startswith("RTK: 2 fixed; ratio 5.5 (median), 5.0 (5 %); forward")
+    assert said.startswith("RTK: 2 fixed (100 %), 0 float; ratio 5.5 (median), 5.0 (5 %); forward")
     assert resolution.fixed == 2 and resolution.ratio_median == 5.5 and not notes
 
 
@@ -105,11 +106,18 @@ def test_a_fix_that_its_pseudoranges_contradict_is_none(finds):
     finds([10.0, 11.0], np.array([13.0, 15.0]))
     events = single([10.0, 11.0])
     out, said, resolution, notes = replaced(events)
-    assert said.startswith("RTK: 1 fixed, 1 single;")
+    assert said.startswith("RTK: 1 fixed (50 %), 0 float, 1 contradicted by their pseudoranges;")
     assert out[0].resolved and out[1] is events[1] and resolution.contradicted == 1
     assert [n.text for n in notes] == [
         "RTK: 1 relative positions contradict their pseudoranges: the single-point ones stay"
     ]
+
+
+def test_contradictions_of_most_ask_for_the_base(finds):
+    finds([10.0, 11.0, 12.0], np.array([0.0, 20.0, 21.0]))
+    _, _, resolution, notes = replaced(single([10.0, 11.0, 12.0]))
+    assert resolution.contradicted == 2 and notes[-1].doubtful
+    assert notes[-1].text.endswith("Is the base's position right (declared)?")
 
 
 def test_a_base_is_held_against_its_own_ranges(finds):

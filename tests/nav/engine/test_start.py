@@ -157,9 +157,9 @@ def test_without_doppler_it_levels_and_certified_says_what_it_needs(moving):
 
 
 def test_what_no_window_passes_is_levelled_with_the_reason(moving, events):
-    """A demand that cannot be met; two windows of 8 s are waited for, not the whole drive."""
+    """A demand that cannot be met; two windows of 14 s are waited for, not the whole drive."""
     _, sequence = moving
-    demand = {"max_sigma_heading_deg": 1e-3, "max_window_s": 8.0}
+    demand = {"max_sigma_heading_deg": 1e-3, "max_window_s": 14.0}
     finder = StartFinder(*ingredients(sequence, **demand))
     start, decided = None, None
     for event in events:
@@ -171,7 +171,7 @@ def test_what_no_window_passes_is_levelled_with_the_reason(moving, events):
         events, *ingredients(sequence, method="level+course")
     ).attitude.time  # fmt: skip
     assert "; not certified in " in start.attitude.message
-    assert decided == pytest.approx(finder.attempts[0][0] - 5.0 + 16.0, abs=1.01)
+    assert decided == pytest.approx(finder.attempts[0][0] - 5.0 + 28.0, abs=1.01)
     with pytest.raises(AlignmentError, match=r"not certified in .*needs a turn"):
         find_start(events, *ingredients(sequence, method="certified", **demand))
 

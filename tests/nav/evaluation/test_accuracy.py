@@ -17,9 +17,9 @@ from certnav.nav.evaluation.accuracy import (
     evaluate,
     mean_rate_b,
     normalised_nis,
-    usable_at,
     without_reference,
 )
+from certnav.nav.evaluation.interpolation import usable_at
 from certnav.nav.solution import Epochs, Update
 
 

@@ -12,9 +12,10 @@ import pytest
 from certnav.filters.errors import ConfigError
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.notes import Note
-from certnav.nav.page.pictures import render
+from certnav.nav.page.pictures import save
+from certnav.nav.page.thinning import thin
 from certnav.nav.report import figures, write_figures
-from certnav.nav.report.coverage import gnss_state, thin
+from certnav.nav.report.coverage import gnss_state
 from certnav.nav.report.run import write_report
 from certnav.nav.report.verdict import coverage, gate_activity, verdict
 from certnav.nav.results.directory import read_result, write_result
@@ -215,8 +216,9 @@ def test_what_was_not_asked_for_is_absent_not_zero(result):
     assert figures.protection(result) is None and figures.separation(result) is None
 
 
-def test_levels_are_drawn_without_a_reference_too(result):
-    assert render(figures.protection, result(bounded, duration=20.0, reference=False)) is not None
+def test_levels_are_drawn_without_a_reference_too(result, tmp_path):
+    bounded_run = result(bounded, duration=20.0, reference=False)
+    assert save(figures.protection, bounded_run, tmp_path / "levels.pdf")
 
 
 def test_report_is_rebuilt_from_the_directory_alone(report):
@@ -226,9 +228,9 @@ def test_report_is_rebuilt_from_the_directory_alone(report):
     assert [p.name for p in result.path.iterdir() if p.name.startswith(".")] == []
 
 
-def test_drawing_leaves_matplotlib_as_it_was(result):
+def test_drawing_leaves_matplotlib_as_it_was(result, tmp_path):
     before = dict(matplotlib.rcParams)
-    assert render(figures.satellites, result(duration=5.0)) is not None
+    assert save(figures.satellites, result(duration=5.0), tmp_path / "satellites.svg")
     assert dict(matplotlib.rcParams) == before
 
 

@@ -14,7 +14,7 @@ from certnav.datasets.gpstime import from_calendar, from_week_sow
 from certnav.filters.earth import C_en_at, C_en_of, lla_to_ecef
 from certnav.filters.errors import ConfigError
 from certnav.filters.rotation import matrix_from_rpy
-from certnav.nav.evaluation.accuracy import usable_at
+from certnav.nav.evaluation.interpolation import usable_at
 from certnav.nav.results.formats import FORMATS, format_rows, parse_formats, write_formats
 
 KML = {"k": "http://www.opengis.net/kml/2.2"}

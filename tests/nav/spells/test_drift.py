@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from certnav.nav.evaluation.accuracy import evaluate
-from certnav.nav.spells.drift import spell_figures, statistics
+from certnav.nav.spells.drift import judgeable, spell_figures, statistics
 from certnav.nav.spells.outages import Spell
 
 
@@ -37,3 +37,19 @@ def test_statistics_of_maxima():
     found = statistics([3.0, 4.0, float("nan")])
     assert found["median"] == 3.5 and found["rms_of_maxima"] == pytest.approx(np.sqrt(12.5))
     assert statistics([]) == {"median": None, "rms_of_maxima": None, "p95": None}
+
+
+def test_a_spell_counts_if_the_reference_has_seen_it_begin_and_end():
+    """What is missing in between may be; 3 s of a minute at either end may be, too."""
+    spell = Spell(100.0, 160.0)
+    every = np.arange(0.0, 300.0, 0.2)
+
+    def seen(*gaps):
+        gone = np.zeros(every.size, dtype=bool)
+        for a, b in gaps:
+            gone |= (every > a) & (every < b)
+        return judgeable([spell], every[~gone]) == [spell]
+
+    assert seen() and seen((110.0, 150.0)) and seen((97.5, 120.0)) and seen((140.0, 157.5))
+    assert not seen((96.0, 101.0)) and not seen((156.0, 170.0)) and not seen((90.0, 200.0))
+    assert judgeable([spell], every[every > 130.0]) == []

@@ -9,8 +9,11 @@ import json
 import numpy as np
 import pytest
 
+from certnav.datasets.great.writer import simulate_folder
 from certnav.datasets.loading import load
+from certnav.datasets.rtklib import satellite_states
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.filters.earth import SPEED_OF_LIGHT
 from certnav.filters.errors import ConfigError, DataError
 from certnav.nav.commands.cli import main
 from certnav.nav.study.paper import PAPER
@@ -20,6 +23,7 @@ from certnav.nav.study.tables import series, tables
 from certnav.velocity.study.samples import reference_samples
 from certnav.velocity.study.tables import describe, pair_table
 from oracles import pair_statistics
+from oracles.products import write_clk, write_sp3
 
 
 @pytest.fixture(scope="module")
@@ -135,9 +139,8 @@ def test_all_files_are_there_and_say_the_same(found, tmp_path):
     assert float(row["RMS [m/s]"]) == stored[one.name]["rms_k05_mps"] == one.figures["rms_k05_mps"]
     assert r"drive\_1 \& co" in (out / "table3.tex").read_text()
     page = (out / "study.html").read_text()
-    assert page.count("<figure>") == 6
+    assert page.count("(Fig. ") == 7 and page.count('class="plot"') == 2 * 5 + 4
     assert "drive_1 &amp; co" in page
-    assert "http" not in page
     assert all(len(table.rows) for table in series(found))
     write_study(found, out)  # replaces its own
     (out / "study.json").unlink()
@@ -192,3 +195,52 @@ def test_impossible_wishes_are_one_line(more, said, tmp_path, capsys):
         assert said in printed.err
     assert printed.err.count("\n") == 1
     assert not out.exists()
+
+
+def test_precise_products_are_studied_beside_broadcast_ones(tmp_path):
+    """Made of the broadcasts they say the same; with wrong clock rates, what those do to Doppler.
+
+    Every second satellite's clock runs 0.5 m/s fast: its Doppler is as much off.
+    """
+    folder = simulate_folder(
+        SimulationConfig("drive", 5, 120.0, density="suburb", imu_rate=25.0), tmp_path / "drive"
+    )
+    sequence = load(folder)
+    o = sequence.observations
+    names = sorted(set(map(str, o.sat)))
+    begin = np.floor(o.time[0] / 900.0) * 900.0
+
+    def states(fast_mps):
+        def at(sats, time):
+            found = satellite_states(sequence.navigation, sats, np.full(len(sats), time))
+            moving = found.vel_e + np.cross([0.0, 0.0, 7.2921151467e-5], found.pos_e)
+            clock = found.clock + 2.0 * np.sum(found.pos_e * moving, axis=1) / SPEED_OF_LIGHT
+            wrong = np.array([fast_mps * (names.index(sat) % 2) for sat in sats])
+            return found.pos_e, (clock + wrong * (time - begin)) / SPEED_OF_LIGHT
+
+        return at
+
+    def made(fast_mps):
+        orbits = begin + 900.0 * np.arange(-6, 8)
+        return [
+            write_sp3(tmp_path / "day.sp3", names, orbits, states(fast_mps)),
+            write_clk(tmp_path / "day.clk", names, begin + 30.0 * np.arange(40), states(fast_mps)),
+        ]
+
+    broadcast, precise = study([folder], precise=made(0.0), jobs=1).recordings
+    assert (broadcast.name, precise.name) == ("drive", "drive, precise")
+    assert broadcast.figures["pairs"] == precise.figures["pairs"] > 500
+    rms = [one.figures["rms_k05_mps"] for one in (broadcast, precise)]
+    assert rms[1] == pytest.approx(rms[0], rel=0.01)
+    assert "precise ephemerides (day.sp3, day.clk; " in precise.notes[0]
+    broadcast, wrong = study([folder], precise=made(0.5), jobs=1).recordings
+    assert wrong.figures["rms_k05_mps"] > 1.5 * broadcast.figures["rms_k05_mps"]
+    held = states(0.0)
+    orbits = begin + 86400.0 + 900.0 * np.arange(-6, 8)
+    other = write_sp3(tmp_path / "other.sp3", names, orbits, lambda sats, _: held(sats, begin))
+    broadcast, nothing = study([folder], precise=[other], jobs=1).recordings
+    assert (
+        broadcast.figures
+        and not nothing.figures
+        and "of none of the satellites at the time" in nothing.notes[0]
+    )

@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.nav.tune.choice import Change, Group, best, change, cross_validated, of_candidate
+from certnav.nav.tune.choice import (
+    Change,
+    Group,
+    best,
+    change,
+    cross_validated,
+    of_candidate,
+)
 from certnav.nav.tune.settings import decide, interval, knee
 
 
@@ -110,6 +117,18 @@ def test_worse_on_one_part_beyond_doubt_is_not_recommended():
     chosen, said = decide(groups, ["default", "other"], changes, 1, validated)
     assert chosen == 0
     assert "weak GNSS" in said
+
+
+def test_what_no_table_shows_decides_nothing():
+    """A ten-thousandth worse on one recording, whatever its interval, does not cost the gain."""
+    jitter = np.random.default_rng(5).uniform(0.95, 1.05, 12)
+    for factor, taken in ((1.0001, 1), (1.01, 0)):
+        groups = [group([np.ones(12), np.full(12, 0.2) * jitter])]
+        groups.append(group([np.ones(12), np.full(12, factor)], part="weak GNSS"))
+        changes = [of_candidate(groups, k) for k in range(2)]
+        validated, _ = cross_validated(groups)
+        assert change([groups[1]], [groups[1].square[1]]).worse
+        assert decide(groups, ["default", "other"], changes, 1, validated)[0] == taken
 
 
 def test_what_could_not_be_judged_is_never_the_best():

@@ -12,6 +12,7 @@ from certnav.datasets.loading import load
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.nav.config_files import from_tables
+from certnav.nav.engine import legs
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.pipeline import navigate
 from certnav.nav.results.summary import protection_figures
@@ -57,6 +58,24 @@ def test_an_error_that_no_test_sees_moves_the_solution_less_than_the_level(drive
     assert error[:, 0].max() > 5.0 * sound[:, 0].max()
     worst = int(error[:, 0].argmax())
     assert wider[worst, 0] < 5.0 * error[worst, 0]
+
+
+def test_the_filter_has_the_same_levels_whether_it_is_smoothed_or_not(drives, monkeypatch):
+    """The smoother cuts predictions in pieces, which changes neither when levels are taken, nor
+    when a fault may come and go.
+    """
+    filtered, made = [], legs._leg
+
+    def kept(*arguments):
+        filtered.append(made(*arguments))
+        return filtered[-1]
+
+    monkeypatch.setattr(legs, "_leg", kept)
+    for smooth in (False, True):
+        errors_and_levels(drives[1], smooth=smooth)
+    without, with_tape = (leg.levels for leg in filtered)
+    assert len(without) > 40
+    np.testing.assert_allclose(with_tape, without, rtol=1e-6)
 
 
 def test_smoothed_levels_hold_and_switched_off_there_are_none(drives):

@@ -169,9 +169,10 @@ def test_a_fault_that_is_over_and_done_with_is_forgotten():
     found = Responses(0.0, 4)
     m = Measurement(np.zeros(1), np.eye(4)[:1], np.eye(1), Biases(("it",), np.ones((1, 1)), 3.0))
     found.correct(np.eye(4), m)
-    decay = 0.5 * np.eye(4)
+    decay, other = 0.5 * np.eye(4), dataclasses.replace(m, H=np.zeros((1, 4)), biases=None)
     for block in range(1, 40):
         found.predict(block * responses.BLOCK, decay, np.eye(4))
+        found.correct(np.eye(4), other)
         if not found.names:
             break
     assert 2 < block < 20

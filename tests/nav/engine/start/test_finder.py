@@ -30,7 +30,7 @@ class Levelled:
 
     def __init__(self, at=np.inf, rested=False, fails=None):
         self.at, self.made, self.fails = at, a_start("level+course", rested), fails
-        self.taken, self.offered = [], []
+        self.taken, self.offered, self.unheard = [], [], None
 
     def take(self, pairs):
         self.taken += pairs
@@ -108,6 +108,14 @@ def test_which_start_is_taken(levelled, certified, method, found):
 def test_two_windows_are_as_long_as_configured():
     made = finder(Levelled(at=20), Certified(first=7.0), max_window_s=30.0)
     assert first_start(made) == (67, "level+course")
+
+
+@pytest.mark.parametrize(("first", "at"), [(7.0, 67.0), (None, 0.0)])
+def test_what_nothing_bears_out_is_for_want_of_a_better_one_when_time_is_up(first, at):
+    levelled = Levelled(at=200)
+    levelled.unheard = a_start("level+course", True)
+    made = finder(levelled, Certified(first=first), max_window_s=30.0)
+    assert first_start(made) == (at, "level+course")
 
 
 def test_levelling_is_not_repeated_once_it_has_found_something():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from certnav.alignment.direction import Fit
 from certnav.alignment.levelling import InitialAttitude
 from certnav.filters.error_model import ATT
 from certnav.filters.errors import AlignmentError
@@ -33,7 +34,10 @@ class Levelled:
         self.fixes, self.tries, self.finds, self.odds, self.after = fixes, 0, None, 99.0, []
         self.backwards = None
         monkeypatch.setattr(self.start, "attitude", self._attitude)
-        monkeypatch.setattr("certnav.nav.engine.start.levelled.log_odds", lambda *given: self.odds)
+        self.fit = Fit(borne_out=True)
+        place = "certnav.nav.engine.start.levelled"
+        monkeypatch.setattr(f"{place}.log_odds", lambda *given: self.odds)
+        monkeypatch.setattr(f"{place}.course_fit", lambda *given: self.fit)
 
     def _attitude(self, backwards=False):
         self.after.append(self.start._after)
@@ -67,7 +71,7 @@ def nose(time):
 
 
 def turned(time):
-    return attitude(time, True, rigs.C_EN @ matrix_from_rpy([0.0, 0.0, np.pi]), "tail")
+    return attitude(time, True, rigs.C_EN @ matrix_from_rpy([0.0, 0.0, np.pi]), "tail, reversing")
 
 
 def test_it_waits_for_the_first_level_speed(levelled):
@@ -158,9 +162,40 @@ def test_at_the_end_the_likelier_is_taken_and_the_doubt_told(levelled):
     ):  # fmt: skip
         levelled.odds = odds
         assert levelled.start.at_last().attitude.message == message
+        assert levelled.start.at_last().doubt == message.partition("; ")[2]
+    levelled.odds, levelled.fit = 99.0, Fit()
+    assert levelled.start.at_last().doubt == "other velocities do not bear out the course"
     levelled.finds = AlignmentError("too slow")
     with pytest.raises(AlignmentError, match="too slow"):
         levelled.start.at_last()
+
+
+def test_a_course_that_no_other_velocity_bears_out_waits(levelled):
+    """25 s after its instant it is kept for want of a better one, and later ones are tried."""
+    levelled.finds, levelled.fit = attitude(5.0, rested=True), Fit()
+    levelled.drives(5.0, 9.0 * NORTH)
+    assert levelled.start.offer(6.0) is None
+    alone = "other velocities do not bear out the course"
+    assert levelled.said == [f"{alone}: a turn or a change of speed would tell"]
+    assert levelled.start.offer(29.9) is None and levelled.start.unheard is None
+    assert levelled.start.offer(31.0) is None
+    assert levelled.start.unheard.doubt == alone and levelled.start.unheard.state.time == 5.0
+    assert levelled.start.offer(32.1) is None and levelled.after[-1] == pytest.approx(30.0)
+    assert levelled.start.at_last() is levelled.start.unheard
+    levelled.fit = Fit(borne_out=True)
+    assert not levelled.start.offer(33.2).doubt
+
+
+@pytest.mark.parametrize(("satellites", "starts"), [(7, False), (8, True)])
+def test_a_velocity_of_many_satellites_needs_no_other(levelled, satellites, starts):
+    levelled.finds, levelled.fit = attitude(5.0, rested=True), Fit(sigma=0.05)
+    levelled.fixes.add(GnssEvent(5.0, "position", rigs.PLACE, np.eye(3)))
+    seen = tuple(f"G{k:02d}" for k in range(satellites))
+    velocity = GnssEvent(5.0, "velocity", 9.0 * NORTH, 0.01 * np.eye(3), seen)
+    levelled.start.take(levelled.fixes.add(velocity))
+    assert (levelled.start.offer(6.0) is not None) == starts
+    sigma = levelled.start.at_last().attitude.sigma_heading
+    assert sigma == pytest.approx(0.1 if starts else np.radians(10.0))
 
 
 def test_it_levels_with_the_mounting_and_the_sigmas_of_the_configuration(fixes, monkeypatch):

@@ -9,25 +9,26 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from ...datasets.cache import kept_in
-from ...datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
-from ...datasets.loading import load
-from ...datasets.physics import Refusal, collected_refusals
-from ...datasets.placing import write_file
-from ...datasets.sequence import Sequence
-from ...filters.errors import DataError
-from ..check.findings import Finding
-from ..check.mounting import with_coarse_mounting
-from ..check.recording import check_sequence
-from ..config import Config
-from ..evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
-from ..learned import learned, with_calibration
-from ..notes import Note, span_words
-from ..pipeline import navigate
-from ..results.directory import check_replaceable, write_result
-from ..solution import Solution
-from ..vehicles import VEHICLES, would_explain
-from .terminal.progress import announce_kernels, progress
+from ....datasets.cache import kept_in
+from ....datasets.gpstime import SECONDS_PER_WEEK, to_week_sow
+from ....datasets.loading import load
+from ....datasets.physics import collected_refusals
+from ....datasets.placing import write_file
+from ....datasets.sequence import Sequence
+from ....filters.errors import DataError
+from ...check.findings import Finding
+from ...check.mounting import with_coarse_mounting
+from ...check.recording import check_sequence
+from ...config import Config
+from ...evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
+from ...learned import learned, with_calibration
+from ...notes import Note, span_words
+from ...pipeline import navigate
+from ...results.directory import check_replaceable, write_result
+from ...solution import Solution
+from ...sweep.drives import waived, way_out
+from ...vehicles import VEHICLES
+from ..terminal.progress import announce_kernels, progress
 
 #: What a bound may be beyond a recording and still be meant for it [s].
 _DAY = 86400.0
@@ -111,8 +112,8 @@ def _drawing(page: bool, figures: str | None) -> Callable[[Path], None] | None:
         return None
 
     def draw(draft: Path) -> None:
-        from ..report import write_figures, write_report  # slow to import
-        from ..results.directory import read_result
+        from ...report import write_figures, write_report  # slow to import
+        from ...results.directory import read_result
 
         if page:
             write_report(draft)
@@ -120,21 +121,6 @@ def _drawing(page: bool, figures: str | None) -> Callable[[Path], None] | None:
             write_figures(read_result(draft), draft / "figures", figures)
 
     return draw
-
-
-def checked_load(path: Path, config: Config, checked: bool) -> Sequence:
-    """Return a recording; what a reader refuses by physics is a note of it if it is not checked.
-
-    Raises
-    ------
-    DataError
-        What the reader refuses.
-    """
-    with collected_refusals() as refused:
-        sequence = load(path, **config.data)
-    said = waived(refused, config, checked)
-    notes = (*sequence.notes, *(str(note) for note in said))
-    return dataclasses.replace(sequence, notes=notes)
 
 
 def cache_folder(out: Path | None) -> Path:
@@ -159,30 +145,6 @@ def judged(solution: Solution, sequence: Sequence) -> tuple[Solution, Evaluation
         return dataclasses.replace(solution, notes=notes), without_reference(nis)
 
 
-def waived(refused: list[Refusal], config: Config, checked: bool) -> tuple[Note, ...]:
-    """Return as notes what a reader refused by physics, and may pass; refuse the rest."""
-    notes = []
-    for error, against in refused:
-        kind = VEHICLES[config.vehicle.kind]
-        if against == "course" and not kind.holds_course:
-            notes.append(Note("note", f"not asked of {kind.words}: {error}"))
-        elif not checked:
-            notes.append(Note("doubtful", f"unchecked: {error}"))
-        else:
-            remedy = error.remedy or ""
-            if against == "course":
-                other = would_explain(lambda v: not v.holds_course, config.vehicle.kind)
-                remedy = f"{remedy}; {other}"
-            raise DataError(
-                error.problem, file=error.file, line=error.line, remedy=_way_out(remedy)
-            )
-    return tuple(notes)
-
-
-def _way_out(remedy: str) -> str:
-    return f"{remedy}; to navigate it all the same: --unchecked".removeprefix("; ")
-
-
 def _checked(sequence: Sequence, config: Config, checked: bool) -> list[Finding]:
     """Return what is doubtful; refuse what is fatal, unless it is not to be checked."""
     findings = check_sequence(sequence, config.gnss, config.vehicle.kind) if checked else []
@@ -190,7 +152,7 @@ def _checked(sequence: Sequence, config: Config, checked: bool) -> list[Finding]
         if finding.severity == "fatal":
             raise DataError(
                 f"{sequence.name}: {finding.subject}: {finding.found}",
-                remedy=_way_out(finding.remedy),
+                remedy=finding.remedy if sequence.imu is None else way_out(finding.remedy),
             )
     return [finding for finding in findings if finding.severity == "doubtful"]
 
@@ -238,12 +200,7 @@ def _print_summary(
     for kind, (accepted, offered) in counts.items():
         print(f"  {kind:<11} {accepted} of {offered} updates used")
     if (rtk := solution.resolution) is not None:
-        offered = max(rtk.fixed + rtk.floating + rtk.dgps + rtk.single, 1)
-        print(
-            f"  RTK         {rtk.fixed} fixed ({100.0 * rtk.fixed / offered:.0f} %), "
-            f"{rtk.floating} float, {rtk.dgps + rtk.single} without phase; ratio "
-            f"{rtk.ratio_median:.1f}"
-        )
+        print(f"  RTK         {rtk.shares}")
     if solution.installation is not None:
         for line in (str(solution.installation), *solution.installation.antenna.lines()):
             print(f"  {line}")

@@ -1,0 +1,171 @@
+"""Interactive plots of a page, with one look, carried by the page itself (Bokeh).
+
+    plots = Plots()
+    plot = plots.free("drift [m]", "share [%]", "How often the drift was below")
+    page = document("…", *plots.fill(body + plots.cells([plot], "…")))
+
+``page.js`` sorts tables, switches series on and off, and lets the keyboard zoom and pan.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+from bokeh.document import Document
+from bokeh.embed import components
+from bokeh.layouts import gridplot
+from bokeh.model import Model
+from bokeh.models import CustomJS, HoverTool, Legend, LegendItem
+from bokeh.plotting import figure
+from bokeh.resources import Resources
+
+from .pictures import INK
+
+_FONT = '"Source Sans 3", "Segoe UI", "Helvetica Neue", Helvetica, Arial, sans-serif'
+_GRID, _AXIS, _QUIET = "#E4E7EB", "#A7AEB8", "#5B6673"
+#: What zooms, moves and shows the whole of a plot that has the keyboard's focus (`page.js`).
+_KEYS = "+ - ArrowLeft ArrowRight 0"
+#: Lengths of dashes and gaps [px], by Bokeh's names, as a sample of a line draws them.
+_DASHES = {"solid": "", "dashed": "6 3", "dotted": "2 3", "dotdash": "2 3 6 3"}
+
+
+class Plots:
+    """The plots of one page."""
+
+    def __init__(self) -> None:
+        self._placed: list[Model] = []
+
+    def free(
+        self, x: str, y: str, title: str = "", height: int = 300, **options: Any
+    ) -> figure:  # fmt: skip
+        """Return an empty plot with axes of its own; a double click shows the whole again."""
+        options = {"min_border_left": 58} | options
+        plot = figure(
+            height=height, sizing_mode="stretch_width", title=title,
+            tools="box_zoom,pan,wheel_zoom,reset,save", **options,
+        )  # fmt: skip
+        look(plot)
+        plot.xaxis.axis_label, plot.yaxis.axis_label = x or None, y or None
+        plot.toolbar.autohide, plot.toolbar.logo = True, None
+        plot.js_on_event("doubletap", CustomJS(args={"plot": plot}, code="plot.reset.emit()"))
+        return plot
+
+    @staticmethod
+    def legend(plot: figure, label: str, drawn: list[Any]) -> None:
+        """Name what was drawn, over the plot and out of its way."""
+        if not label:
+            return
+        if not plot.legend:
+            plot.add_layout(
+                Legend(
+                    orientation="horizontal", location="right", border_line_color=None,
+                    background_fill_alpha=0.0, padding=0, margin=0, spacing=14, glyph_width=16,
+                    label_text_font_size="12px", label_text_color=INK, label_text_font=_FONT,
+                    click_policy="hide", label_height=14, glyph_height=14,
+                ),
+                "above",
+            )  # fmt: skip
+        plot.legend[0].items.append(LegendItem(label=label, renderers=drawn))
+
+    @staticmethod
+    def tell(plot: figure, drawn: Any, *lines: tuple[str, str]) -> None:
+        """Let the pointer over what was drawn tell of it: pairs of a name and a Bokeh template."""
+        plot.add_tools(HoverTool(renderers=[drawn], tooltips=list(lines), visible=False))
+
+    @staticmethod
+    def series(name: str, drawn: Iterable[Any]) -> None:
+        """Let what was drawn be switched on and off with all else of this name."""
+        for each in drawn:
+            each.tags = [*each.tags, f"series:{name}"]
+
+    @staticmethod
+    def switches(series: Sequence[tuple[str, str, str]], what: str) -> str:
+        """Return a button for each series of name, colour and dash; `what` they are together."""
+        buttons = "".join(
+            f'<button type="button" data-series="{escape(name)}" aria-pressed="true">'
+            f'<svg width="22" height="8" aria-hidden="true"><line x1="0" y1="4" x2="22" y2="4" '
+            f'stroke="{colour}" stroke-width="3" stroke-dasharray="{_DASHES[dash]}"/></svg>'
+            f"{escape(name)}</button>"
+            for name, colour, dash in series
+        )
+        return (
+            f'<p class="controls switches" role="group" aria-label="{escape(what)} shown">'
+            f"{buttons}"
+            '<button type="button" data-all="true">all</button>'
+            '<button type="button" data-all="false">none</button></p>'
+        )
+
+    def place(self, rows: Sequence[Sequence[figure]], alt: str, stretch: bool = True) -> str:
+        """Return where in the page a grid of plots goes, under one toolbar; `alt` tells of them.
+
+        Without `stretch` plots keep their size, where shape is what they show.
+        """
+        model = (
+            gridplot(
+                [list(row) for row in rows], sizing_mode="stretch_width", merge_tools=True,
+                toolbar_location="above", toolbar_options={"logo": None},
+            )
+            if stretch
+            else rows[0][0]
+        )  # fmt: skip
+        return self._hole(model, alt)
+
+    def cells(self, plots: Sequence[figure], alt: str, columns: int = 1) -> str:
+        """Return where in the page plots go side by side, and below each other on a phone."""
+        holes = "".join(
+            self._hole(plot, f"{alt}: {plot.title.text}" if plot.title.text else alt)
+            for plot in plots
+        )
+        return f'<div class="cells" style="--columns: {min(columns, len(plots))}">{holes}</div>'
+
+    def _hole(self, model: Model, alt: str) -> str:
+        self._placed.append(model)
+        return (
+            f'<div class="plot" role="figure" tabindex="0" aria-label="{escape(alt)}" '
+            f'aria-keyshortcuts="{_KEYS}"><!--plot {len(self._placed) - 1}--></div>'
+        )
+
+    def fill(self, body: str) -> tuple[str, str]:
+        """Return the page's body with its plots in place, and the scripts that draw them."""
+        own = files(__package__).joinpath("page.js").read_text(encoding="utf-8")
+        if not self._placed:
+            return body, f"<script>\n{own}\n</script>"
+        document = Document()
+        with document.models.freeze():  # or all models are counted again with each plot
+            for model in self._placed:
+                document.add_root(model)
+        script, places = components(tuple(self._placed), wrap_script=False)
+        numbers: dict[str, str] = {}
+        script = _renumbered(script, numbers)
+        for k, place in enumerate(places):
+            body = body.replace(f"<!--plot {k}-->", _renumbered(place, numbers))
+        library = Resources(mode="inline", components=["bokeh"]).render_js()
+        return body, f"{library}\n<script>\n{own}\n{script}\n</script>"
+
+
+def look(plot: figure) -> None:
+    """Give a plot the look of all: quiet axes, light grid, letters that can be read."""
+    plot.background_fill_color = plot.border_fill_color = None
+    plot.outline_line_color = None
+    plot.title.text_font, plot.title.text_font_size = _FONT, "13px"
+    plot.title.text_color, plot.title.text_font_style = INK, "normal"
+    plot.axis.axis_label_text_font = plot.axis.major_label_text_font = _FONT
+    plot.axis.axis_label_text_font_style = "normal"
+    plot.axis.axis_label_text_font_size = plot.axis.major_label_text_font_size = "12px"
+    plot.axis.axis_label_text_color = plot.axis.major_label_text_color = _QUIET
+    plot.axis.axis_line_color = plot.axis.major_tick_line_color = _AXIS
+    plot.axis.minor_tick_line_color = None
+    plot.grid.grid_line_color = _GRID
+
+
+def _renumbered(text: str, numbers: dict[str, str]) -> str:
+    """Return a text in which Bokeh's identifiers, other in every run, count from one."""
+
+    def number(found: re.Match) -> str:
+        return f'"{numbers.setdefault(found[1], f"p{len(numbers) + 1}")}"'
+
+    return re.sub(r'"(p\d+|[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12})"', number, text)
