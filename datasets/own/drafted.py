@@ -58,8 +58,9 @@ def declaration_of(log: Path, imu: Path, drafted: Callable[[list[Path]], Draft] 
         if found.blanks:
             keys = ", ".join(key for _, key in found.blanks)
             raise ConfigError(
-                f"{file}: drafted for {log.name} and {imu.name}; answers that only you know are "
-                f'still "{BLANK}" ({keys}) — fill them in, and give the same command again'
+                f"{file}: drafted for {log.name} and {imu.name}; {len(found.blanks)} answers that "
+                f'only you know are still "{BLANK}" ({keys}) — fill them in, and give the same '
+                "command again"
             )
     declared = read_declaration(file)
     receiver = ("rinex", "observations") if "rinex" in declared.sections else ("gnss", "file")
