@@ -5,6 +5,7 @@ Three letters ('RFU') or three words ('back-right-up') say where x, y and z of a
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -61,6 +62,25 @@ def axes_matrix(name: str, *, key: str = "axes") -> FloatArray:
             f"'{flipped}'"
         )
     return C_bs
+
+
+def axes_name(C_bs: FloatArray) -> str:
+    """Return the name of axes, as 'RFU', from ``x_b = C_bs @ x_s``, a signed permutation (3, 3)."""
+    letters = {direction: word[0].upper() for word, direction in _DIRECTIONS.items()}
+    rows = np.argmax(np.abs(C_bs), axis=0)
+    return "".join(letters[int(r), float(np.sign(C_bs[r, k]))] for k, r in enumerate(rows))
+
+
+def all_axes() -> FloatArray:
+    """Return C_bs of all right-handed signed permutations, shape (24, 3, 3)."""
+    found = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            C_bs = np.zeros((3, 3))
+            C_bs[order, range(3)] = signs
+            if np.linalg.det(C_bs) > 0.0:
+                found.append(C_bs)
+    return np.array(found)
 
 
 def _words(name: str) -> list[str] | None:

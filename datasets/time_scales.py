@@ -26,7 +26,7 @@ SCALES = {
     "unix": "seconds since 1970-01-01 UTC",
     "relative": "seconds from any start, the same for all files; no date",
 }
-UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+UNITS = {"s": 1.0, "ms": 1e-3, "100us": 1e-4, "us": 1e-6, "ns": 1e-9}
 _CALENDAR = ("gps-calendar", "utc")
 #: A logger's week number is late by less than this [s].
 _LATE = 60.0
@@ -48,7 +48,7 @@ class TimeScale:
         One of `SCALES`.
     week : int, optional
         GPS week of the first row, for 'gps-sow'.
-    unit : {'s', 'ms', 'us', 'ns'}
+    unit : {'s', 'ms', '100us', 'us', 'ns'}
     offset : float
         Added to the file's stamps [s]: a correction, or the start of a clock that counts from it.
     rate : float, optional
@@ -94,6 +94,7 @@ def gps_time(table: Table, scale: TimeScale, numbers: FloatArray, text: list[str
         time = _calendar(table, text, scale.name)
     elif scale.name == "gps-week-sow":
         _within(table, "GPS week", numbers[:, 0], 0.0, 9999.0, "gps-sow needs one column only")
+        numbers = numbers * [1.0, UNITS[scale.unit]]
         _within(table, "seconds of week", numbers[:, 1], *_LIMITS["gps-sow"], "columns exchanged?")
         time = gpstime.from_week_sow(numbers[:, 0] + late_weeks(numbers), numbers[:, 1])
     else:

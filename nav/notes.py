@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 
 from ..datasets.gpstime import SECONDS_PER_WEEK
@@ -52,10 +54,47 @@ def plain(texts: Iterable[str]) -> tuple[Note, ...]:
     return tuple(Note("note", text) for text in texts)
 
 
+_start: ContextVar[float | None] = ContextVar("start", default=None)
+
+
+@contextmanager
+def counted_from(start: float) -> Iterator[None]:
+    """Have `clock` say how long after the start of a recording a time is.
+
+    Parameters
+    ----------
+    start : float
+        Of the first sample of the IMU [s].
+    """
+    token = _start.set(start)
+    try:
+        yield
+    finally:
+        _start.reset(token)
+
+
 def clock(time: float) -> str:
-    """Return a time as files print it: GPS seconds of week, or seconds where there is no date."""
-    week = int(time // SECONDS_PER_WEEK)
-    return f"{time:.2f} s" if week == 0 else f"SOW {time - week * SECONDS_PER_WEEK:.2f}"
+    """Return a time as it is said everywhere: GPS seconds of week, and since the start.
+
+    As 'SOW 364509.60 (+12.30 s)'; the week stands at the top of console and report. Without a
+    date, the stamp as it is in the files; without a start (`counted_from`), nothing in brackets.
+    """
+    week, start = int(time // SECONDS_PER_WEEK), _start.get()
+    since = "" if start is None else f" ({time - start:+.2f} s)"
+    said = f"{time:.2f} s" if week == 0 else f"SOW {time - week * SECONDS_PER_WEEK:.2f}"
+    return said + since
+
+
+def span_words(start: float, end: float) -> str:
+    """Return when a recording was, for the top of what is said of it."""
+    week = int(start // SECONDS_PER_WEEK)
+    if week == 0:
+        return f"{start:.2f} … {end:.2f} s, no date; in brackets: s since the start"
+    sow = start - week * SECONDS_PER_WEEK
+    return (
+        f"GPS week {week}, SOW {sow:.2f} … {end - week * SECONDS_PER_WEEK:.2f}; in brackets: "
+        "s since the start"
+    )
 
 
 def times_in(text: str, near: float) -> list[float]:
@@ -66,5 +105,5 @@ def times_in(text: str, near: float) -> list[float]:
     """
     week = int(near // SECONDS_PER_WEEK) * SECONDS_PER_WEEK
     if week == 0:
-        return [float(t) for t in re.findall(r"\b(?:from|to|at|until) (\d+\.\d\d) s\b", text)]
+        return [float(t) for t in re.findall(r"\b(?:from|to|at|until) (-?\d+\.\d\d) s\b", text)]
     return [week + float(sow) for sow in re.findall(r"SOW (\d+(?:\.\d+)?)", text)]

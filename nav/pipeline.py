@@ -27,7 +27,7 @@ from .engine.legs import Course, Leg, legs, told
 from .engine.prepared import Prepared, course_over
 from .engine.velocity_noise.fitted import with_fitted_velocities
 from .engine.watch.doubts import doubts, outages
-from .notes import Note, clock, plain
+from .notes import Note, clock, counted_from, plain
 from .signals import Signals, signal_log
 from .solution import FixErrors, Separation, Solution, Trajectory, Update
 from .sweep.parallel import in_order
@@ -83,8 +83,9 @@ def navigate(
     >>> solution.status, len(solution.trajectory) > 500
     ('ok', True)
     """
-    ran = _run(sequence, config, progress or _silent, prepared, until)
-    return ran.solution(smoothed=True)
+    with counted_from(float(sequence.inertial.time[0])):
+        ran = _run(sequence, config, progress or _silent, prepared, until)
+        return ran.solution(smoothed=True)
 
 
 def navigate_twice(
@@ -94,8 +95,9 @@ def navigate_twice(
 
     `config` asks for smoothing; parameters and errors are those of `navigate`.
     """
-    ran = _run(sequence, config, _silent, prepared, None)
-    return ran.solution(smoothed=False), ran.solution(smoothed=True)
+    with counted_from(float(sequence.inertial.time[0])):
+        ran = _run(sequence, config, _silent, prepared, None)
+        return ran.solution(smoothed=False), ran.solution(smoothed=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,7 @@ SEEN_BY_DATASETS = {"compiled", "earth", "errors", "fault_exclusion", "rotation"
 #: comparing methods, `compare` also has the one that aligns windows.
 NAV = (
     ("commands",),
+    ("drafting",),
     ("check", "compare", "report", "study", "tune", "windows"),
     ("learned", "page", "results", "spells"),
     ("evaluation",),

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..datasets.observations import GnssObservations
+from ..datasets.observations import GnssFixes, GnssObservations
 from ..datasets.sequence import Sequence
+from ..datasets.series import Reference
 from ..filters.earth import C_en_of
 from ..filters.rotation import FloatArray
 from .least_squares import doppler_velocities
@@ -94,9 +95,25 @@ class Tracks:
 
 def tracks(sequence: Sequence) -> Tracks:
     """Return the velocities of every source of `sequence`."""
-    fixes, reference = sequence.fixes, sequence.reference
+    reference = sequence.reference
+    gnss, doppler, coarse = gnss_tracks(sequence.fixes, sequence.observations)
+    return Tracks(gnss, doppler, coarse, None if reference is None else reference_track(reference))
+
+
+def reference_track(reference: Reference) -> Track:
+    """Return the velocities of a reference, of its positions where it has none."""
+    ref = _track("reference", reference.time, reference.pos_e, reference.vel_e)
+    if not np.isfinite(ref.vel_n).all(1).any():
+        ref = differenced("reference", reference.time, reference.pos_e)
+    return ref
+
+
+def gnss_tracks(
+    fixes: GnssFixes | None, observations: GnssObservations | None
+) -> tuple[Track | None, Track | None, Track | None]:
+    """Return the best velocities of GNSS, those of Doppler, and coarse positions; see `Tracks`."""
     fixes = None if fixes is None else fixes.take(fixes.usable)
-    observations = thinned(sequence.observations, _MAX_EPOCHS)
+    observations = thinned(observations, _MAX_EPOCHS)
     coarse = None if observations is None else _coarse_positions(observations)
     doppler = None
     if observations is not None:
@@ -113,12 +130,7 @@ def tracks(sequence: Sequence) -> Tracks:
     if gnss is None and coarse is not None and len(coarse) >= 3:
         moved = differenced("differenced pseudorange positions", coarse.time, coarse.pos_e)
         gnss = dataclasses.replace(moved, precise=False)
-    ref = None
-    if reference is not None:
-        ref = _track("reference", reference.time, reference.pos_e, reference.vel_e)
-        if not np.isfinite(ref.vel_n).all(1).any():
-            ref = differenced("reference", reference.time, reference.pos_e)
-    return Tracks(gnss, doppler, coarse, ref)
+    return gnss, doppler, coarse
 
 
 def differenced(name: str, time: FloatArray, pos_e: FloatArray) -> Track:

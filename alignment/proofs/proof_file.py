@@ -71,7 +71,8 @@ def read_with_options(path: Path) -> tuple[list[Proof], dict[str, Any]]:
 def _loaded(path: Path) -> Any:
     """Return the JSON of a file that may have been written to do harm."""
     if not path.is_file():
-        raise DataError("no such file", file=path)
+        problem = "expected a file, found a folder" if path.is_dir() else "no such file"
+        raise DataError(problem, file=path, remedy="certnav align PATH --proof FILE writes one")
     with path.open("rb") as stream:
         raw = stream.read(MOST_BYTES + 1)
     if len(raw) > MOST_BYTES:

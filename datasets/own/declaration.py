@@ -47,8 +47,11 @@ ACCEL_UNITS: dict[str, tuple[float, bool]] = {
     "mg": (1e-3 * _G, False),
     "m/s": (1.0, True),
 }
-SPEED_UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "knots": 1852.0 / 3600.0, "ft/s": 0.3048}
-ANGLE_UNITS = {"deg": _DEG, "rad": 1.0}
+SPEED_UNITS = {
+    "m/s": 1.0, "km/h": 1.0 / 3.6, "knots": 1852.0 / 3600.0, "ft/s": 0.3048, "mm/s": 1e-3,
+}  # fmt: skip
+LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "ft": 0.3048}
+ANGLE_UNITS = {"deg": _DEG, "rad": 1.0, "1e-7deg": 1e-7 * _DEG}
 POSITION_FRAMES = ("lla", "ecef")
 VELOCITY_FRAMES = ("ned", "enu", "ecef")
 GNSS_FORMATS = ("csv", "rtklib", "great-pvt", "kf-gins", "nmea", "ubx")
@@ -56,9 +59,10 @@ REFERENCE_FORMATS = ("csv", "inertial-explorer", "kf-gins", "rtklib")
 
 _TIME_KEYS = ("time", "time_scale", "week", "time_unit", "time_offset_s", "rate_hz")
 _PVT_KEYS = (
-    *("position", "position_frame", "angle_unit", "height", "geoid_m"),
+    *("position", "position_frame", "angle_unit", "height", "height_unit", "geoid_m"),
     *("velocity", "velocity_frame", "velocity_unit"),
     *(f"{what}_{kind}" for what in ("position", "velocity") for kind in ("sigma", "variance")),
+    *("position_sigma_unit", "velocity_sigma_unit"),
     *("position_sigma_m", "velocity_sigma_mps", "satellites", "quality"),
 )
 _NOISE_UNITS = {
@@ -78,12 +82,7 @@ KEYS: dict[str, tuple[str, ...]] = {
     "imu.noise": ("preset", *_NOISE_FIELDS, *_NOISE_UNITS),
     "antenna": ("lever_frd_m", "lever_sigma_m", "source"),
     "gnss": (
-        "file",
-        "topic",
-        "format",
-        "separator",
-        *_TIME_KEYS,
-        "time_offset_sigma_s",
+        *("file", "topic", "format", "separator", *_TIME_KEYS, "time_offset_sigma_s"),
         *_PVT_KEYS,
     ),
     "vehicle": ("mounting_rpy_deg", "mounting_sigma_deg", "wheels_frd_m", "wheels_sigma_m"),
@@ -316,7 +315,8 @@ def _refuse_blanks(file: Path, text: str, content: Mapping[str, Any]) -> None:
         section, key = left[0]
         line = _line_of(text, section, key)
         hint = text.splitlines()[line - 1].partition("#")[2].strip() if line else ""
-        more = f" (and {len(left) - 1} more)" if len(left) > 1 else ""
+        others = [f"{key} in line {_line_of(text, section, key)}" for section, key in left[1:]]
+        more = f" (and {len(others)} more: {', '.join(others)})" if others else ""
         raise ConfigError(
             f"{file}:{line}: [{section}] {key} is still '{BLANK}'{more} — fill it in"
             + (f": {hint}" if hint else "")

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 from ...filters.errors import ConfigError, DataError
 from ..placing import write_file
 from .declaration import BLANK, read_declaration
-from .declare import draft_declaration
+from .declare import draft_of
+from .draft import Draft
 
 
-def declaration_of(log: Path, imu: Path) -> Path:
+def declaration_of(log: Path, imu: Path, drafted: Callable[[list[Path]], Draft] = draft_of) -> Path:
     """Return the declaration of a drive whose files are named one by one: ``LOG.toml`` beside it.
 
     Where there is none it is drafted, and what only the user can know is asked.
@@ -21,6 +23,8 @@ def declaration_of(log: Path, imu: Path) -> Path:
     log : Path
         RINEX observations, or a receiver's log: raw messages, or fixes (UBX NAV-PVT, NMEA).
     imu : Path
+    drafted : callable
+        What drafts.
 
     Raises
     ------
@@ -41,7 +45,8 @@ def declaration_of(log: Path, imu: Path) -> Path:
             raise DataError("file not found", file=file, remedy="check the name")
     file = log.with_name(f"{log.name.partition('.')[0]}.toml")
     if not file.exists():
-        draft = f"name = {json.dumps(file.stem)}\n" + draft_declaration([log, imu])
+        found = drafted([log, imu])
+        draft = f"name = {json.dumps(file.stem)}\n" + found.text()
         try:
             write_file(file, draft.encode())
         except OSError as error:
@@ -50,11 +55,13 @@ def declaration_of(log: Path, imu: Path) -> Path:
                 file=file,
                 remedy="certnav declare --out writes it elsewhere; then certnav run THAT.toml",
             ) from None
-        blanks = draft.count(f'= "{BLANK}"')
-        raise ConfigError(
-            f"{file}: drafted for {log.name} and {imu.name}; {blanks} answers that only you know "
-            f'are still "{BLANK}" — fill them in, and give the same command again'
-        )
+        if found.blanks:
+            keys = ", ".join(key for _, key in found.blanks)
+            raise ConfigError(
+                f"{file}: drafted for {log.name} and {imu.name}; {len(found.blanks)} answers that "
+                f'only you know are still "{BLANK}" ({keys}) — fill them in, and give the same '
+                "command again"
+            )
     declared = read_declaration(file)
     receiver = ("rinex", "observations") if "rinex" in declared.sections else ("gnss", "file")
     for (section, key), given in ((receiver, log), (("imu", "file"), imu)):

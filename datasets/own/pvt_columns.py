@@ -24,8 +24,15 @@ from ..formats.inertial_explorer import dms_to_radians
 from ..receivers.bags import bag_table, is_bag
 from ..text.columns import Column, Columns, open_text, read_columns
 from ..text.tables import Table, increasing
-from ..time_scales import TimeScale, evenly_spaced, gps_time, late_weeks
-from .declaration import ANGLE_UNITS, POSITION_FRAMES, SPEED_UNITS, VELOCITY_FRAMES, Section
+from ..time_scales import UNITS, TimeScale, evenly_spaced, gps_time, late_weeks
+from .declaration import (
+    ANGLE_UNITS,
+    LENGTH_UNITS,
+    POSITION_FRAMES,
+    SPEED_UNITS,
+    VELOCITY_FRAMES,
+    Section,
+)
 
 #: From the axes of a declared velocity to north-east-down.
 _TO_NED = {"ned": np.eye(3), "enu": np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])}
@@ -102,7 +109,10 @@ def read_timed(
     if scale.rate is not None:
         time = evenly_spaced(columns.table, time, scale.rate)
         notes.append(f"{file}: rounded stamps replaced by {scale.rate:g} Hz, as declared")
-    if scale.name == "gps-week-sow" and (late := late_weeks(columns.numbers["time"])).any():
+    if (
+        scale.name == "gps-week-sow"
+        and (late := late_weeks(columns.numbers["time"] * [1.0, UNITS[scale.unit]])).any()
+    ):
         line = int(columns.table.line[np.flatnonzero(late)[0]])
         notes.append(
             f"{file}: the week number of {np.count_nonzero(late)} rows from line {line} was not "
@@ -233,7 +243,9 @@ def _position(section: Section, frame: str, columns: Columns) -> tuple[FloatArra
         "height", ("ellipsoid", "geoid"), 'height = "ellipsoid"',
         "what heights count from: ellipsoid, or geoid (mean sea level)",
     )  # fmt: skip
-    height = value[:, 2]
+    height = (
+        value[:, 2] * LENGTH_UNITS[section.choice("height_unit", LENGTH_UNITS, "", default="m")]
+    )
     notes: tuple[str, ...] = ()
     if datum == "geoid":
         if "geoid_m" in columns.numbers:
@@ -284,10 +296,12 @@ def _covariance(
     n = C_ea.shape[0]
     if not needed:
         return np.full((n, 3, 3), np.nan)
+    units, plain = (LENGTH_UNITS, "m") if what == "position" else (SPEED_UNITS, "m/s")
+    factor = units[section.choice(f"{what}_sigma_unit", units, "", default=plain)]
     if f"{what}_variance" in columns.numbers:
-        variance = columns.numbers[f"{what}_variance"]
+        variance = columns.numbers[f"{what}_variance"] * factor**2
     elif f"{what}_sigma" in columns.numbers:
-        variance = columns.numbers[f"{what}_sigma"] ** 2
+        variance = (columns.numbers[f"{what}_sigma"] * factor) ** 2
     else:
         key = f"{what}_sigma_" + ("m" if what == "position" else "mps")
         variance = np.broadcast_to(section.numbers(key, (1, 3), "") ** 2, (n, 3))

@@ -83,11 +83,11 @@ def sequence_of(declared: Declaration) -> Sequence:
     lever_b = lever(antenna, "lever_frd_m", f"{LEVER_LINE}  # IMU to antenna, forward right down")
     C_bv = mounting(declared)
     spec = imu_spec(declared)
-    imu, imu_notes = _imu(declared)
-    observations, given, rinex_notes = _rinex(declared)
+    imu, imu_notes = read_imu(declared)
+    observations, given, rinex_notes = read_rinex(declared)
     navigation = () if given is None else given.navigation
     logs = () if given is None else given.notes
-    fixes, fix_notes = _fixes(declared)
+    fixes, fix_notes = read_fixes(declared)
     if observations is None and fixes is None:
         raise ConfigError(
             f"{declared.file}: no GNSS is declared — add [gnss] (positions in a file) or [rinex] "
@@ -160,7 +160,8 @@ def _one_kind_of_time(declared: Declaration) -> None:
         )
 
 
-def _imu(declared: Declaration) -> tuple[ImuData, list[str]]:
+def read_imu(declared: Declaration) -> tuple[ImuData, list[str]]:
+    """Return the declared IMU in body axes, and notes."""
     section = declared.required("imu", '[imu] and file = "imu.csv"')
     gyro_unit = section.choice("gyro_unit", GYRO_UNITS, 'gyro_unit = "deg/s"')
     accel_unit = section.choice("accel_unit", ACCEL_UNITS, 'accel_unit = "m/s2"')
@@ -196,7 +197,9 @@ def _imu(declared: Declaration) -> tuple[ImuData, list[str]]:
     return ImuData(time, *parts), notes
 
 
-def _rinex(declared: Declaration) -> tuple[GnssObservations | None, GivenFiles | None, list[str]]:
+def read_rinex(
+    declared: Declaration,
+) -> tuple[GnssObservations | None, GivenFiles | None, list[str]]:
     """Return the declared observations, the files they are in, and what was repaired in these."""
     section = declared.section("rinex")
     if section is None:
@@ -223,7 +226,8 @@ def _rinex(declared: Declaration) -> tuple[GnssObservations | None, GivenFiles |
     return observations, given, [note for f in plain for note in readable_rinex(f).notes]
 
 
-def _fixes(declared: Declaration) -> tuple[GnssFixes | None, list[str]]:
+def read_fixes(declared: Declaration) -> tuple[GnssFixes | None, list[str]]:
+    """Return the declared positions, implausible ones marked, and notes; None without any."""
     section = declared.section("gnss")
     if section is None:
         return None, []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from ...filters.errors import NavError
@@ -11,6 +10,8 @@ from ..great.files import first_observation, rinex_kind
 from ..receivers.bags import bag_topics
 from ..receivers.raw_frames import FORMATS, find_frames
 from ..text.rinex_packing import is_packed, unpack
+from .declaration import BLANK
+from .draft import Line
 
 #: UBX-NAV-PVT holds fixes (`formats.ubx`).
 _NAV_PVT = 0x0107
@@ -43,7 +44,7 @@ def kinds_of(path: Path) -> str:
     return _of_log(path, path.read_bytes()) if b"\0" in head or b"$G" in head else ""
 
 
-def with_week(lines: list[str], observed: Path) -> list[str]:
+def with_week(lines: list[Line], observed: Path) -> list[Line]:
     """Return drafted lines whose question for a week names that of a receiver's observations."""
     from ..rtklib import given_files
 
@@ -53,10 +54,10 @@ def with_week(lines: list[str], observed: Path) -> list[str]:
         return lines  # what is wrong with the file, reading it says
     week, second = (float(v) for v in to_week_sow(first))
     named = f"week = {week:.0f}: {observed.name} begins at second {second:.0f} of it"
-    return [line.replace("week = …", named) for line in lines]
+    return [x._replace(comment=x.comment.replace("week = …", named)) for x in lines]
 
 
-def bag_sections(path: Path, name: str) -> dict[str, list[str]]:
+def bag_sections(path: Path, name: str) -> dict[str, list[Line]]:
     """Return drafted lines by section for the topics of a bag whose messages say what they hold.
 
     Parameters
@@ -68,41 +69,39 @@ def bag_sections(path: Path, name: str) -> dict[str, list[str]]:
     of_type: dict[str, list[str]] = {}
     for topic, kind in bag_topics(path).items():
         of_type.setdefault(kind, []).append(topic)
-    out: dict[str, list[str]] = {}
+    out: dict[str, list[Line]] = {}
     for kind, section, lines in (
         ("sensor_msgs/msg/Imu", "imu", _BAG_IMU), ("sensor_msgs/msg/NavSatFix", "gnss", _BAG_FIX),
     ):  # fmt: skip
         topics = sorted(of_type.get(kind, ()))
         if topics:
-            more = f"  # or one of {', '.join(topics[1:])}" if topics[1:] else ""
-            file, topic = json.dumps(name), json.dumps(topics[0])
-            out[section] = [f"file = {file}", f"topic = {topic}{more}", *lines]
+            more = f"or one of {', '.join(topics[1:])}" if topics[1:] else ""
+            out[section] = [Line("file", name), Line("topic", topics[0], more), *lines]
     if any(kind.endswith("/RxmRAWX") for kind in of_type):
-        out["rinex"] = [f"observations = {json.dumps(name)}"]
+        out["rinex"] = [Line("observations", name)]
     return out
 
 
 _STAMP = [
-    'time = "stamp"',
-    'time_scale = "unix"  # of the header; without GPS time, of the computer\'s clock',
+    Line("time", "stamp"),
+    Line("time_scale", "unix", "of the header; without GPS time, of the computer's clock"),
 ]
 #: What the definitions of these messages say of their fields.
 _BAG_IMU = [
     *_STAMP,
-    'gyro = ["angular_velocity.x", "angular_velocity.y", "angular_velocity.z"]',
-    'accel = ["linear_acceleration.x", "linear_acceleration.y", "linear_acceleration.z"]',
-    'gyro_unit = "rad/s"  # says the message',
-    'accel_unit = "m/s2"',
-    'axes = "?"  # FRD, FLU, RFU …; drivers that keep to REP 103: FLU',
+    Line("gyro", [f"angular_velocity.{x}" for x in "xyz"]),
+    Line("accel", [f"linear_acceleration.{x}" for x in "xyz"]),
+    Line("gyro_unit", "rad/s", "says the message"),
+    Line("accel_unit", "m/s2"),
+    Line("axes", BLANK, "FRD, FLU, RFU …; drivers that keep to REP 103: FLU"),
 ]
 _BAG_FIX = [
     *_STAMP,
-    'position = ["latitude", "longitude", "altitude"]',
-    'position_frame = "lla"',
-    'angle_unit = "deg"',
-    'height = "ellipsoid"  # says the message',
-    'position_variance = ["position_covariance.4", "position_covariance.0", '
-    '"position_covariance.8"]  # north, east, up',
+    Line("position", ["latitude", "longitude", "altitude"]),
+    Line("position_frame", "lla"),
+    Line("angle_unit", "deg"),
+    Line("height", "ellipsoid", "says the message"),
+    Line("position_variance", [f"position_covariance.{k}" for k in (4, 0, 8)], "north, east, up"),
 ]
 
 

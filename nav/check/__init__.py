@@ -11,6 +11,7 @@
     motion       motion as the IMU and as GNSS sees it
     timing       the IMU's clock against that motion
     axes         axes, signs and units against it
+    orientation  how the IMU's axes are turned in the vehicle, coarsely, whatever is declared
     mounting     yaw and pitch of the IMU in the vehicle, measured
     declarations what was measured other than declared, as lines to paste
     lag          the time between two motions, whatever their axes

@@ -8,17 +8,13 @@ import numpy as np
 
 from ...datasets.physics import gyro_unit_ratio
 from ...datasets.sequence import Sequence
-from ...filters.rotation import FloatArray
+from ...filters.rotation import FloatArray, rpy_from_matrix
 from ...velocity.tracks import Track
 from ...velocity.wheel_speed import wheel_speed
 from .findings import Finding
-from .lag import Fit, fit_increments
 from .motion import COURSE_SPEED, Inertial, increments
+from .orientation import CERTAIN, Facing, facing, orientation
 
-#: Share of a motion an accelerometer has to explain before its axes are judged.
-_EXPLAINED = 0.4
-#: And before what it says is fatal.
-_CERTAIN = 0.7
 _DEGREES = 180.0 / np.pi
 _AXES = "xyz"
 #: What findings on forward and right are about.
@@ -93,71 +89,51 @@ def _gyro_fault(
 
 def accelerometer(imu: Inertial, track: Track) -> list[Finding]:
     """Test forward and right axes against changes of speed and cornering."""
-    moves = increments(track)
-    if moves is None:
+    if increments(track) is None:
         return []
-    horizontal = imu.velocity[:, :2]
-    fits = [
-        fit_increments(imu.time, horizontal, moves.start, moves.end, y)
-        for y in (moves.along, moves.across)
-    ]
-    # GNSS = B · accelerometer; identity when the axes are forward and right.
-    known = [fit.explained > _EXPLAINED for fit in fits]
-    subject = AXES
-    if not any(known):
-        found = "forward and right cannot be told: too little acceleration and cornering"
-        return [Finding("note", subject, found)]
-    if all(known):
-        return [_plane(fits)]
-    which = 0 if known[0] else 1
-    fit, motion, name = fits[which], ("speed", "cornering")[which], ("forward", "right")[which]
-    # Without the other motion its axis may have felt nothing: the direction of the response tells.
-    along, across = (fit.response[which], (1, -1)[which] * fit.response[1 - which])
-    gain = float(np.hypot(along, across))
-    sigma_deg = float(np.degrees(fit.response_sigma[1 - which] / gain))
-    turn = float(np.degrees(np.arctan2(across, along)))
-    judged = _turned(turn, sigma_deg, gain, f"from {motion} alone", name)
+    found = facing(imu, track)
+    if found is None:
+        text = "forward and right cannot be told: too little acceleration and cornering"
+        return [Finding("note", AXES, text)]
+    if found.mirrored:
+        return [_mirrored(found)]
+    judged = _turned(found)
     # Turned axes would show in both motions: one alone is poor data before it is a fault.
-    if judged.severity == "fatal":
+    certain = len(found.motions) == 2 and min(found.explained) > CERTAIN
+    if judged.severity == "fatal" and not certain:
         judged = dataclasses.replace(judged, severity="doubtful")
     return [judged]
 
 
-def _plane(fits: list[Fit]) -> Finding:
-    """Judge the whole horizontal plane: a rotation, or a mirror image of one."""
-    B = np.array([fit.coefficients for fit in fits])
-    share = ", ".join(f"{100 * fit.explained:.0f} %" for fit in fits)
-    proper = np.hypot(B[0, 0] + B[1, 1], B[0, 1] - B[1, 0]) / 2.0
-    mirrored = np.hypot(B[0, 0] - B[1, 1], B[0, 1] + B[1, 0]) / 2.0
-    if mirrored > proper:
-        axis = "right" if B[0, 0] > abs(B[0, 1]) else "forward" if B[1, 1] > abs(B[1, 0]) else ""
-        how = f"the {axis} axis is reversed" if axis else "forward and right are swapped"
-        return Finding(
-            "fatal" if min(fit.explained for fit in fits) > _CERTAIN else "doubtful",
-            AXES,
-            f"left-handed: {how} (speed and cornering against accelerometer, {share} explained)",
-            "declare the axes the file really holds: a rotation cannot mend a mirrored set",
-            {"forward_from_x": B[0, 0], "forward_from_y": B[0, 1],
-             "right_from_x": B[1, 0], "right_from_y": B[1, 1]},
-        )  # fmt: skip
-    turn = float(np.degrees(np.arctan2(B[0, 1] - B[1, 0], B[0, 0] + B[1, 1])))
-    sigma_deg = float(np.degrees(np.hypot(fits[0].sigma[1], fits[1].sigma[0]) / (2.0 * proper)))
-    how = f"from speed and cornering, {share} explained"
-    found = _turned(turn, sigma_deg, float(proper), how, "forward")
-    if found.severity == "fatal" and min(fit.explained for fit in fits) < _CERTAIN:
-        return dataclasses.replace(found, severity="doubtful")
-    return found
+def _mirrored(found: Facing) -> Finding:
+    """Judge a horizontal plane that no rotation explains."""
+    B = found.B
+    axis = "right" if B[0, 0] > abs(B[0, 1]) else "forward" if B[1, 1] > abs(B[1, 0]) else ""
+    how = f"the {axis} axis is reversed" if axis else "forward and right are swapped"
+    share = ", ".join(f"{100 * part:.0f} %" for part in found.explained)
+    return Finding(
+        "fatal" if min(found.explained) > CERTAIN else "doubtful",
+        AXES,
+        f"left-handed: {how} (speed and cornering against accelerometer, {share} explained)",
+        "declare the axes the file really holds: a rotation cannot mend a mirrored set",
+        {"forward_from_x": B[0, 0], "forward_from_y": B[0, 1],
+         "right_from_x": B[1, 0], "right_from_y": B[1, 1]},
+    )  # fmt: skip
 
 
-def _turned(turn_deg: float, sigma_deg: float, gain: float, how: str, name: str) -> Finding:
+def _turned(found: Facing) -> Finding:
+    turn_deg, sigma_deg = float(np.degrees(found.turn)), float(np.degrees(found.sigma))
+    gain, how = found.gain, found.how
+    name = "right" if found.motions == ("cornering",) else "forward"
+    if len(found.motions) == 2:
+        how += " explained"
     numbers = {"turned_deg": turn_deg, "turned_sigma_deg": sigma_deg, "gain": gain}
-    subject = AXES
     if abs(turn_deg) > 20.0 + 3.0 * sigma_deg:
         side = "right" if turn_deg > 0 else "left"
         quarter = round(turn_deg / 90.0) * 90
-        found = f"the vehicle's {name} direction lies {abs(turn_deg):.0f}° to the {side} ({how})"
+        text = f"the vehicle's {name} direction lies {abs(turn_deg):.0f}° to the {side} ({how})"
         if abs(turn_deg) > 135.0:
-            found = f"x points backward: the vehicle moves along −x ({how})"
+            text = f"x points backward: the vehicle moves along −x ({how})"
         near = abs(turn_deg - quarter) < 20.0 and quarter
         # A vehicle whose forward lies to the left has its IMU turned to the right.
         mounting = f"mounting_rpy_deg = [0.0, 0.0, {-turn_deg:.1f}]"
@@ -165,13 +141,31 @@ def _turned(turn_deg: float, sigma_deg: float, gain: float, how: str, name: str)
         if near:
             remedy = f"declare the axes the file really holds, or {mounting}"
         severity = "fatal" if abs(turn_deg) > 45.0 else "doubtful"
-        return Finding(severity, subject, found, remedy, numbers)
+        return Finding(severity, AXES, text, remedy, numbers)
     if not 0.4 < gain < 1.8:
-        found = f"gain {gain:.3g} against the GNSS, expected about 1 ({how})"
-        return Finding("doubtful", subject, found, "check the accelerometer's unit", numbers)
+        text = f"gain {gain:.3g} against the GNSS, expected about 1 ({how})"
+        return Finding("doubtful", AXES, text, "check the accelerometer's unit", numbers)
     angle = f"{turn_deg:+.0f} ± {sigma_deg:.0f}°"
-    found = f"x forward, y right, turned by {angle}, gain {gain:.2f} ({how})"
-    return Finding("note", subject, found, numbers=numbers)
+    text = f"x forward, y right, turned by {angle}, gain {gain:.2f} ({how})"
+    return Finding("note", AXES, text, numbers=numbers)
+
+
+def as_it_is(imu: Inertial, track: Track) -> list[Finding]:
+    """Return how the body axes are really turned, where gravity and motion tell all of it.
+
+    For what was declared otherwise; `nav.check.declarations` makes lines of it.
+    """
+    found = orientation(imu, track)
+    if found.problem:
+        return []
+    roll, pitch, yaw = np.degrees(rpy_from_matrix(found.C_sv.T))
+    numbers = {
+        "roll_deg": float(roll), "pitch_deg": float(pitch), "yaw_deg": float(yaw),
+        "sigma_deg": float(np.degrees(found.sigma)),
+    }  # fmt: skip
+    if found.rate.conclusive:
+        numbers["yaw_over_course"] = found.rate.ratio
+    return [Finding("note", "orientation", f"measured: {found.share}", numbers=numbers)]
 
 
 def odometer(sequence: Sequence, track: Track) -> list[Finding]:

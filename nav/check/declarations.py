@@ -15,12 +15,16 @@ from typing import Any
 import numpy as np
 
 from ...datasets.loading import formats, recognise
-from ...datasets.own.declaration import NAME, read_declaration
+from ...datasets.own.declaration import GYRO_UNITS, NAME, imu_axes, read_declaration
 from ...datasets.sequence import Sequence
-from ...filters.rotation import FloatArray, rpy_from_matrix, wrap_angle
+from ...filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix, wrap_angle
 from .findings import Finding
+from .mounting import with_roll_of
+from .orientation import SQUARE_DEG, mounting_rpy_deg, named
 from .timing import SIGNIFICANT
 
+#: A gyro's unit is named where the slope against the course is so near to it.
+_NEAR = 0.10
 #: Files that hold declarations, and their keys: section and key of each quantity.
 _FILES = {"declared": NAME, "great": "great.toml"}
 _MOUNTING = {"declared": "[vehicle]\nmounting_rpy_deg", "great": "mounting_rpy_deg"}
@@ -43,7 +47,10 @@ def with_declarations(
         Options of the reader it was read with.
     """
     kind = str(options.get("format") or recognise(path))
-    makers = {"time, IMU and GNSS": _time, "mounting": _mounting, "lever arm": _lever}
+    makers = {
+        "time, IMU and GNSS": _time, "orientation": _orientation, "mounting": _mounting,
+        "lever arm": _lever,
+    }  # fmt: skip
     out = []
     for finding in findings:
         maker = makers.get(finding.subject)
@@ -73,15 +80,47 @@ def _time(
     return f"# {kind} has no key for it: {verb} {abs(n['offset_s']):.3f} s, IMU stamps"
 
 
+def _orientation(
+    finding: Finding, sequence: Sequence, path: str | Path, kind: str, options: Mapping[str, Any]
+) -> str:
+    """Return axes, mounting and gyro unit as the file really has them."""
+    n = finding.numbers
+    C_bv = matrix_from_rpy(np.radians([n["roll_deg"], n["pitch_deg"], n["yaw_deg"]])).T
+    if kind != "declared":
+        angles = np.degrees(rpy_from_matrix(C_bv.T))
+        return _vector(_MOUNTING, kind, "roll, pitch, yaw", angles, f"± {n['sigma_deg']:.1f}")
+    section = read_declaration(path).sections["imu"]
+    name, C_bv = named(imu_axes(section).T @ C_bv)
+    square = max(map(abs, rpy := mounting_rpy_deg(C_bv))) < SQUARE_DEG
+    lines = [f'axes = "{name}"  # {finding.found}']
+    unit = _gyro_unit(str(section.values["gyro_unit"]), n.get("yaw_over_course", 1.0))
+    if unit != section.values["gyro_unit"]:
+        lines.append(f'gyro_unit = "{unit}"')
+    mounting = f"mounting_rpy_deg = {[0.0, 0.0, 0.0] if square else rpy}  # ± {n['sigma_deg']:.1f}"
+    return "\n".join([f"# {NAME}", "[imu]", *lines, "[vehicle]", mounting])
+
+
+def _gyro_unit(declared: str, ratio: float) -> str:
+    """Return the unit in which a gyro turns as the course does; the declared one if in none."""
+    factor, summed = GYRO_UNITS[declared]
+    return next(
+        (
+            unit for unit, (size, increments) in GYRO_UNITS.items()
+            if increments == summed and abs(abs(ratio) * size / factor - 1.0) < _NEAR
+        ),
+        declared,
+    )  # fmt: skip
+
+
 def _mounting(
     finding: Finding, sequence: Sequence, path: str | Path, kind: str, options: Mapping[str, Any]
 ) -> str:
-    n, declared = finding.numbers, rpy_from_matrix(sequence.calibration.C_bv.T)
-    measured = np.radians([n["pitch_deg"], n["yaw_deg"]])
+    n, C_bv = finding.numbers, sequence.calibration.C_bv
+    values = with_roll_of(C_bv, n["pitch_deg"], n["yaw_deg"])
     sigma = np.radians([n["pitch_sigma_deg"], n["yaw_sigma_deg"]])
-    if (np.abs(wrap_angle(measured - declared[1:])) <= SIGNIFICANT * sigma).all():
+    off = np.radians(values[1:]) - rpy_from_matrix(C_bv.T)[1:]
+    if (np.abs(wrap_angle(off)) <= SIGNIFICANT * sigma).all():
         return ""
-    values = np.degrees([declared[0], *measured])
     note = f"pitch ± {n['pitch_sigma_deg']:.2f}, yaw ± {n['yaw_sigma_deg']:.2f}"
     return _vector(_MOUNTING, kind, "roll, pitch, yaw", values, note)
 

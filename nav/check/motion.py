@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...datasets.sequence import Sequence
+from ...datasets.series import ImuData
 from ...filters.rotation import FloatArray
 from ...velocity.tracks import Track
 
@@ -45,13 +46,22 @@ class Inertial:
         """Return the same with `seconds` added to the stamps."""
         return Inertial(self.time + seconds, self.angle, self.velocity, self.gyro)
 
+    def turned(self, C_ab: FloatArray) -> Inertial:
+        """Return the same in axes a: ``x_a = C_ab @ x_b``."""
+        angle, velocity, gyro = (v @ C_ab.T for v in (self.angle, self.velocity, self.gyro))
+        return Inertial(self.time, angle, velocity, gyro)
+
 
 def inertial(sequence: Sequence) -> Inertial:
     """Return the IMU's integrals in vehicle axes."""
-    imu, C_bv = sequence.inertial, sequence.calibration.C_bv
+    return integrals(sequence.inertial).turned(sequence.calibration.C_bv.T)
+
+
+def integrals(imu: ImuData) -> Inertial:
+    """Return an IMU's integrals in its own axes."""
     step = np.diff(imu.time, prepend=imu.time[0])[:, None]
-    gyro, accel = imu.gyro_b @ C_bv, imu.accel_b @ C_bv
-    return Inertial(imu.time, np.cumsum(gyro * step, axis=0), np.cumsum(accel * step, axis=0), gyro)
+    angle, velocity = (np.cumsum(v * step, axis=0) for v in (imu.gyro_b, imu.accel_b))
+    return Inertial(imu.time, angle, velocity, imu.gyro_b)
 
 
 @dataclass(frozen=True, eq=False)

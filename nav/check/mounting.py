@@ -17,7 +17,7 @@ from ...datasets.sequence import Sequence
 from ...filters.earth import C_en_of
 from ...filters.errors import NavError
 from ...filters.levers import rate_over_earth
-from ...filters.rotation import FloatArray, rpy_from_matrix, wrap_angle
+from ...filters.rotation import FloatArray, matrix_from_rpy, rpy_from_matrix, wrap_angle
 from ...velocity.mounting import Mounting, calibrate_mounting
 from ...velocity.tracks import Track, tracks
 from ..config import AlignmentConfig, Config, FilterConfig, VehicleConfig
@@ -30,6 +30,8 @@ from .motion import COURSE_SPEED
 
 #: A check must take well below a second: so much of a drive is looked at [s].
 _LONGEST = 300.0
+#: And velocities so far apart [s]: a receiver's ten a second tell little more.
+_EVERY = 0.5
 #: Less turning than this shows no heading [rad].
 _TURNING = np.pi / 2
 #: Straight driving that a mounting takes: speed [m/s], time [s], and what a course may turn in it,
@@ -69,7 +71,7 @@ def mounting_findings(sequence: Sequence) -> list[Finding]:
     sigma_pitch, sigma_yaw = np.hypot([found.sigma_pitch, found.sigma_yaw], sigma_attitude)
     if max(sigma_pitch, sigma_yaw) > _SIGMA_MOUNTING:
         return []
-    # As it is declared, the IMU seen from the vehicle; what roll does to it is of second order.
+    # As it is declared, the IMU seen from the vehicle, without roll: see `with_roll_of`.
     yaw, pitch = (-np.degrees(angle) for angle in (found.yaw, found.pitch))
     numbers = {
         "yaw_deg": yaw, "yaw_sigma_deg": float(np.degrees(sigma_yaw)),
@@ -82,6 +84,19 @@ def mounting_findings(sequence: Sequence) -> list[Finding]:
         f"{found.straight_s:.0f} s of straight driving; attitude from GNSS velocities and turns)"
     )
     return [Finding("note", "mounting", text, numbers=numbers)]
+
+
+def with_roll_of(C_bv: FloatArray, pitch_deg: float, yaw_deg: float) -> FloatArray:
+    """Return roll, pitch, yaw [deg] as declared of a measured forward axis and C_bv's vertical.
+
+    Straight driving shows where forward is, `pitch_deg` and `yaw_deg` without roll. Of an IMU that
+    is rolled and turned all three angles are others, by degrees.
+    """
+    forward_b = matrix_from_rpy(np.radians([0.0, -pitch_deg, -yaw_deg]))[:, 0]
+    right_b = np.cross(C_bv[:, 2], forward_b)
+    right_b /= np.linalg.norm(right_b)
+    found = np.column_stack([forward_b, right_b, np.cross(forward_b, right_b)])
+    return np.degrees(rpy_from_matrix(found.T))
 
 
 def with_coarse_mounting(
@@ -150,6 +165,7 @@ def _most_turning(track: Track) -> Track | None:
     if step[straight].sum() < _DRIVEN:
         return None
     rows = np.flatnonzero(known)[best]
+    rows = rows[:: max(1, round(_EVERY / float(np.median(np.diff(track.time[rows])))))]
     return Track(track.name, track.time[rows], track.pos_e[rows], track.vel_n[rows], track.precise)
 
 

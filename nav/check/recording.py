@@ -23,7 +23,7 @@ from ...filters.errors import ConfigError, DataError, NavError
 from ...filters.rotation import FloatArray
 from ...velocity.tracks import Track, Tracks, differenced, thinned, tracks
 from ..config import GnssConfig
-from ..notes import clock
+from ..notes import clock, counted_from
 from ..vehicles import VEHICLES, would_explain
 from . import axes, motion, timing
 from .findings import Finding, Report, in_order
@@ -54,6 +54,8 @@ _CONSEQUENCES = (
         )
     ),
 )
+#: What wrong axes and units of a gyro show in.
+_OF_AXES = ("gravity", "gyro", axes.AXES)
 #: What has to be in order before the mounting can be measured.
 _NEEDED_BY_MOUNTING = (
     *("reading", "IMU", "IMU sampling", "gyro", "gravity", "accelerometer axes"),
@@ -131,6 +133,13 @@ def check_sequence(
     kind : str
         What moves, of `nav.vehicles.VEHICLES`: it sets which tests apply.
     """
+    start = sequence.span[0] if sequence.imu is None else float(sequence.imu.time[0])
+    with counted_from(start):
+        return _tested(sequence, gnss, kind)
+
+
+def _tested(sequence: Sequence, gnss: GnssConfig | None, kind: str) -> list[Finding]:
+    """Return all findings, worst first, without those that follow from others."""
     found = tracks(sequence)
     min_cn0 = (gnss or GnssConfig()).min_cn0_dbhz
     gnss_found = gnss_findings(sequence, found, min_cn0, VEHICLES[kind])
@@ -168,7 +177,8 @@ def _imu(sequence: Sequence, found: Tracks, kind: str) -> Iterator[Finding]:
             remedy = "name the IMU's file beside the receiver's: certnav run FILE --imu IMU.csv"
         yield Finding("fatal", "IMU", "none in this recording", remedy)
         return
-    yield from inertial_findings(sequence, found.gnss)
+    by_itself = inertial_findings(sequence, found.gnss)
+    yield from by_itself
     imu = motion.inertial(sequence)
     if found.gnss is None:
         return
@@ -187,8 +197,11 @@ def _imu(sequence: Sequence, found: Tracks, kind: str) -> Iterator[Finding]:
         yield Finding("note", "IMU axes", cannot)
         return
     if VEHICLES[kind].holds_course:
-        for finding in (*axes.gyro(turning, track), *axes.accelerometer(imu, track)):
+        judged = [*axes.gyro(turning, track), *axes.accelerometer(imu, track)]
+        for finding in judged:
             yield _with_kinds(finding, kind)
+        if any(f.severity != "note" and f.subject in _OF_AXES for f in (*by_itself, *judged)):
+            yield from axes.as_it_is(imu.turned(sequence.calibration.C_bv), track)
     else:
         words = f"not tested against the course, which is not the heading of {VEHICLES[kind].words}"
         yield Finding("note", "IMU axes", words)
@@ -293,7 +306,7 @@ def dates(sequence: Sequence) -> list[Finding]:
         remedy = "correct the GPS week or the time scale"
         return [Finding("fatal", "time", f"GPS second {start:.6g}: cannot be", remedy)]
     date = gpstime.to_calendar(start)
-    found = f"GPS week {int(week)}, {float(sow):.1f} s: {date:%Y-%m-%d %H:%M:%S} GPST"
+    found = f"GPS week {int(week)}, SOW {float(sow):.2f}: {date:%Y-%m-%d %H:%M:%S} GPST"
     numbers = {"week": float(week)}
     today = datetime.datetime.now(datetime.UTC).replace(tzinfo=None)
     if date > today + datetime.timedelta(days=1) or week < 500:

@@ -11,6 +11,7 @@ DESCRIPTION = (
     "Certifiable alignment over sliding windows: heading of the vehicle from raw "
     "Doppler and its own odometer, against the reference if there is one."
 )
+EXAMPLE = "certnav align drive --window 15"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

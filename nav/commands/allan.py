@@ -11,6 +11,7 @@ DESCRIPTION = (
     "write its white noise and bias instability (Allan deviation) as a preset that a run takes "
     "with --set filter.imu=FILE."
 )
+EXAMPLE = "certnav allan rest.txt --out my_imu.toml"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

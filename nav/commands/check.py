@@ -11,6 +11,7 @@ DESCRIPTION = (
     "Load a recording and test it: gravity, turn rates against the course, time "
     "scales, Doppler, reference. One page; status 1 if it cannot be navigated."
 )
+EXAMPLE = "certnav check drive"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,8 +1,8 @@
 """The command line: the table of commands, and how errors end.
 
 Each command is a module of this folder with ``HELP`` (its line in ``certnav --help``),
-``DESCRIPTION``, ``add_arguments(parser)`` and ``run(arguments)``, which returns the exit status or
-nothing. Whatever takes time to import is imported in ``run``.
+``DESCRIPTION``, ``EXAMPLE``, ``add_arguments(parser)`` and ``run(arguments)``, which returns the
+exit status or nothing. Whatever takes time to import is imported in ``run``.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import sys
 from collections.abc import Iterator
 
 from ...filters.errors import NavError
+from .terminal.parser import Parser
 from .terminal.progress import silent
 
 #: In the order of ``certnav --help``.
@@ -71,13 +72,13 @@ def main(argv: list[str] | None = None) -> int:
     return int(status or 0)
 
 
-def _parsed(whole: argparse.ArgumentParser, argv: list[str] | None) -> argparse.Namespace:
+def _parsed(whole: Parser, argv: list[str] | None) -> argparse.Namespace:
     """Parse the command line; or, where the shell asks what may follow, answer that and end."""
     if "_ARGCOMPLETE" in os.environ:
         import argcomplete
 
         argcomplete.autocomplete(whole)
-    return whole.parse_args(argv)
+    return whole.known(argv)
 
 
 @contextlib.contextmanager
@@ -118,9 +119,9 @@ def _add_common(parser: argparse.ArgumentParser, default: object) -> None:
     )  # fmt: skip
 
 
-def parser() -> argparse.ArgumentParser:
+def parser() -> Parser:
     """Return the parser of all commands."""
-    whole = argparse.ArgumentParser(
+    whole = Parser(
         prog="certnav",
         description="Loosely coupled GNSS/INS navigation of road vehicles.",
         epilog=STATUS,
@@ -131,10 +132,13 @@ def parser() -> argparse.ArgumentParser:
     commands = whole.add_subparsers(required=True, metavar="COMMAND")
     for name in COMMANDS:
         module = importlib.import_module(f".{name}", __package__)
-        command = commands.add_parser(name, help=module.HELP, description=module.DESCRIPTION)
+        command = commands.add_parser(
+            name, help=module.HELP, description=module.DESCRIPTION,
+            epilog=f"example: {module.EXAMPLE}",
+        )  # fmt: skip
         module.add_arguments(command)
         _add_common(command, argparse.SUPPRESS)
-        command.set_defaults(run=module.run)
+        command.set_defaults(run=module.run, parser=command)
     return whole
 
 

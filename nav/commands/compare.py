@@ -17,6 +17,7 @@ DESCRIPTION = (
     "alone, alignment alone, and loose coupling without and with Doppler below four satellites, "
     "vehicle constraints and smoothing; and results of other programs (--result)."
 )
+EXAMPLE = "certnav compare drive --outages 60/180 --out comparison"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

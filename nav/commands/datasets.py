@@ -10,6 +10,7 @@ DESCRIPTION = (
     "Without arguments: what is known of the GREAT sequences, and where they are. "
     "import: put downloaded archives into the layout `certnav run` reads."
 )
+EXAMPLE = "certnav datasets import campus-01.zip --to great"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

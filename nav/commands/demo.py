@@ -10,6 +10,7 @@ SEED, DURATION = 2, 600.0
 
 HELP = "simulate a drive, navigate it, and say where the report is"
 DESCRIPTION = "Simulate a city drive in the GREAT layout, navigate it, write the report."
+EXAMPLE = "certnav demo"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,9 +23,11 @@ def run(arguments: argparse.Namespace) -> None:
     from ...datasets.great.writer import simulate_folder
     from ...datasets.simulation.simulator import SimulationConfig
     from ..config import Config
+    from ..results.directory import check_replaceable
     from .flow.navigation import navigate_folder
 
     out: Path = arguments.out
+    check_replaceable(out)  # before a minute is spent on it
     drive = out.parent / f"{out.name}-drive"
     config = SimulationConfig(name="demo", seed=SEED, duration=DURATION)
     print(f"simulating {DURATION:.0f} s of city driving in the GREAT layout → {drive}")

@@ -15,6 +15,7 @@ DESCRIPTION = (
     "Arrange downloaded GREAT archives, ask once for what the files do not say, then check, study, "
     "navigate, tune and compare all sequences: one site of pages, every table as LaTeX."
 )
+EXAMPLE = "certnav great DOWNLOADS --out site"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 HELP = "merge result directories into one page"
 DESCRIPTION = "Merge result directories made elsewhere into one page of comparison."
+EXAMPLE = "certnav report results/monday results/tuesday"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,6 +12,7 @@ DESCRIPTION = (
     "Navigate a sequence: GNSS positions and Doppler velocities with the IMU in "
     "an error-state filter, judged against the reference if there is one."
 )
+EXAMPLE = "certnav run drive --smooth"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -80,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from ...datasets.great.catalogue import great_sequence
     from ...datasets.own.drafted import declaration_of
-    from ...filters.errors import ConfigError
+    from ...filters.errors import ConfigError, DataError
     from ..config_files import load_config
     from ..results.formats import parse_formats
     from .flow.navigation import navigate_folder
@@ -88,6 +89,8 @@ def run(arguments: argparse.Namespace) -> int:
     smooth = ["filter.smooth=true"] if arguments.smooth else []
     config = load_config(arguments.config, [*arguments.set, *smooth])
     if arguments.base is not None:
+        if not arguments.base.exists():  # before anything is read
+            raise DataError("no such file or folder", file=arguments.base, remedy="check --base")
         gnss = dataclasses.replace(config.gnss, base=str(arguments.base), position="rtk")
         config = dataclasses.replace(config, gnss=gnss)
     if arguments.precise:
@@ -95,7 +98,9 @@ def run(arguments: argparse.Namespace) -> int:
         config = dataclasses.replace(config, data=data)
     path = arguments.path
     if arguments.imu is not None:
-        path = declaration_of(path, arguments.imu)
+        from ..drafting import measured_draft
+
+        path = declaration_of(path, arguments.imu, measured_draft)
     if arguments.great is not None:
         path, data = great_sequence(path, arguments.great, config.data)
         config = dataclasses.replace(config, data=data)

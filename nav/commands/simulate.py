@@ -10,6 +10,7 @@ DESCRIPTION = (
     "Simulate a car in a city: RINEX observations and navigation, IMU text and "
     "reference in the layout of the GREAT dataset, readable by `certnav run`."
 )
+EXAMPLE = "certnav simulate --out drive --duration 300"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -11,6 +11,7 @@ DESCRIPTION = (
     "Make every table and figure of the DDIA-VE paper of any number of recordings with raw Doppler "
     "and a reference, side by side: one page, CSV, LaTeX and PDF."
 )
+EXAMPLE = "certnav study drive1 drive2 --out paper"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

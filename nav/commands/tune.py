@@ -17,6 +17,7 @@ DESCRIPTION = (
     "weights, judged by whole runs of the filter and cross-validated; the answer may be to keep "
     "the default. With --objective velocity: the paper's thresholds for pairs of satellites."
 )
+EXAMPLE = "certnav tune drive --out tuned"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

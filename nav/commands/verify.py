@@ -15,6 +15,7 @@ DESCRIPTION = (
     "Check alignment proofs in integers and fractions, without the solver: for "
     "the rows in the file, no rotation costs less than the bound."
 )
+EXAMPLE = "certnav align drive --proof proofs.json && certnav verify proofs.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

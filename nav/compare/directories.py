@@ -46,7 +46,10 @@ def merge(directories: list[Path]) -> Comparison:
     found: list[Path] = []
     for directory in map(Path, directories):
         if not directory.is_dir():
-            raise DataError("no such directory", file=directory, remedy="name result directories")
+            problem = "no such directory"
+            if directory.exists():
+                problem = "expected a result directory, found a file"
+            raise DataError(problem, file=directory, remedy="name result directories")
         below = [directory, *sorted(p.parent for p in directory.rglob("summary.json"))]
         inside = [p for p in dict.fromkeys(below) if is_result(p)]
         if not inside:

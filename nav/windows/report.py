@@ -14,6 +14,7 @@ from ...alignment.proofs.exact import evidence_of, exact_proof
 from ...alignment.proofs.proof_file import write
 from ...alignment.result import Ask, Verdict
 from ...filters.errors import AlignmentError
+from ..notes import clock
 from .noise import WindowNoise
 from .options import WindowOptions
 from .recording import WindowResult, summary
@@ -112,7 +113,8 @@ def table(
         f"clock {options.clock}",
         f"{noise}"
         + (f"; C/N0 ≥ {options.min_cn0:g} dB-Hz" if options.min_cn0 > 0.0 else "")
-        + ("" if options.level_deg is None else f"; level within {options.level_deg:g}° (1σ)"),
+        + ("" if options.level_deg is None else f"; level within {options.level_deg:g}° (1σ)")
+        + f"; from: since {clock(start)}",
         "   from  epochs  rows  sats  heading [deg]      σ   bound   error  χ²/dof  "
         + ("OUABCK  verdict" if judged else "verdict"),
     ]

@@ -22,7 +22,7 @@ from ...check.recording import check_sequence
 from ...config import Config
 from ...evaluation.accuracy import Evaluation, evaluate, normalised_nis, without_reference
 from ...learned import learned, with_calibration
-from ...notes import Note
+from ...notes import Note, span_words
 from ...pipeline import navigate
 from ...results.directory import check_replaceable, write_result
 from ...solution import Solution
@@ -30,6 +30,8 @@ from ...sweep.drives import waived, way_out
 from ...vehicles import VEHICLES
 from ..terminal.progress import announce_kernels, progress
 
+#: What a bound may be beyond a recording and still be meant for it [s].
+_DAY = 86400.0
 _log = logging.getLogger(__name__)
 
 
@@ -165,9 +167,18 @@ def cut(sequence: Sequence, start: float | None, end: float | None) -> Sequence:
     def full(value: float) -> float:
         return value + week * SECONDS_PER_WEEK if value < SECONDS_PER_WEEK else value
 
-    return sequence.between(
-        first if start is None else full(start), last if end is None else full(end)
-    )
+    begin = first if start is None else full(start)
+    stop = last if end is None else full(end)
+    # What is no time of the recording's week, and far outside, was meant otherwise.
+    given = [v for v in (start, end) if v is not None and v >= SECONDS_PER_WEEK]
+    foreign = any(not first - _DAY <= v <= last + _DAY for v in given)
+    if foreign or begin >= min(stop, last) or stop <= first:
+        recorded = span_words(first, last).partition(";")[0]
+        raise DataError(
+            f"--start, --end: expected a part of {sequence.name} ({recorded}), found "
+            f"{begin if start is None else start:.10g} … {stop if end is None else end:.10g}"
+        )
+    return sequence.between(begin, stop)
 
 
 def _print_summary(
@@ -178,6 +189,8 @@ def _print_summary(
         if note.severity == "lost":
             print(f"{solution.status.upper()} {note.text}")
     print(f"{solution.name}: {span:.0f} s navigated, {len(sequence.inertial)} IMU samples")
+    imu = sequence.inertial
+    print(f"  time        {span_words(float(imu.time[0]), float(imu.time[-1]))}")
     print(f"  alignment   {solution.alignment.message}, after {solution.alignment.waited:.0f} s")
     counts: dict[str, list[int]] = {}
     for update in solution.updates:

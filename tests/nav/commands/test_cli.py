@@ -430,3 +430,37 @@ def test_what_a_reader_refuses_against_the_course_is_not_asked_of_a_boat():
         waived([gyro, gravity], boat, checked=True)
     assert [n.doubtful for n in waived([gyro, gravity], boat, checked=False)] == [False, True]
     assert all(n.doubtful for n in waived([gyro, gravity], car, checked=False))
+
+
+@pytest.mark.parametrize("name", cli.COMMANDS)
+def test_each_command_has_an_example_that_its_parser_takes(name):
+    module = importlib.import_module(f"certnav.nav.commands.{name}")
+    for line in module.EXAMPLE.split(" && "):
+        words = line.split()
+        assert words[0] == "certnav"
+        cli.parser().parse_args(words[1:])
+    assert name in module.EXAMPLE.split()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["chek", "x"], "did you mean check?"),
+        (["run", "x", "--smoth"], "did you mean --smooth?"),
+        (["run", "x", "--figures", "pfd"], "did you mean pdf?"),
+        (["datasets", "imprt"], "did you mean import?"),
+        (["declare", "x", "--ouut", "y"], "did you mean --out?"),
+    ],
+)
+def test_a_typo_is_answered_by_the_nearest_word(words, said, capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(words)
+    assert ended.value.code == 2
+    out = capsys.readouterr()
+    assert said in out.err and len(out.err.splitlines()) == 2
+
+
+def test_a_bound_outside_the_recording_is_refused(drive, capsys):
+    for bound in (["--start", "999999"], ["--end", "5"], ["--start", "600000", "--end", "1"]):
+        assert cli.main(["run", str(drive), *bound]) == 1
+        assert "expected a part of" in capsys.readouterr().err
