@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 
 from ...datasets.sequence import Calibration
 from ...filters import measurements
-from ...filters.ekf import ErrorStateFilter
+from ...filters.ekf import ErrorStateFilter, gate_limit
 from ...filters.gnss_states import CLOCK_DRIFT_SIGMA
 from ...filters.rotation import FloatArray
 from ...velocity.aided_screening import agreeing
 from ...velocity.range_rate import DopplerRows
+
+#: Probability with which satellites on hold are kept there though they are right: 3σ of one.
+_AGAIN = 0.0027
 
 
 class DopplerScreening:
@@ -48,7 +51,8 @@ class DopplerScreening:
         """Return which rows to use; the others are held off from now on.
 
         A satellite on hold is tested too, after the others: while it disagrees with them, its
-        time does not run.
+        time does not run. Where there are no others, those on hold are held against the filter all
+        together: some of them may fit by where they stand in the sky.
         """
         held = self.held(rows, time)
         trial = rows.take(~held)
@@ -66,12 +70,15 @@ class DopplerScreening:
         used[np.flatnonzero(~held)[keep]] = True
         for sat in rows.sat[~held][~keep]:
             self._until[str(sat)] = time + self.hold_off
-        if held.any() and keep.any():
+        if held.any():
             after = _posterior(H[keep], P)
             x = after @ H[keep].T @ z[keep]
             H, z, _ = _linear(kalman, calibration, rows.take(held))
-            S = np.sum((H @ after) * H, axis=1) + 1.0
-            wrong = (z - H @ x) ** 2 > 9.0 * S
+            off, S = z - H @ x, H @ after @ H.T + np.eye(len(z))
+            if keep.any():
+                wrong = off**2 > 9.0 * np.diag(S)
+            else:
+                wrong = np.full(len(z), off @ np.linalg.solve(S, off) > gate_limit(len(z), _AGAIN))
             for sat in rows.sat[held][wrong]:
                 self._until[str(sat)] = time + self.hold_off
         return used

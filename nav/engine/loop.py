@@ -35,6 +35,9 @@ _CHECKED = 6
 #: How long such measurements have to contradict the filter before it is doubted, and before its
 #: own speed is no proof of a standstill any more [s].
 _EVIDENT = 2.0
+#: What the refusal of two or three satellites counts for: with the usual patience of ten seconds a
+#: filter is doubted for them after half a minute, by when a car has left a reflection behind.
+_FEW = 1.0 / 3.0
 
 
 class Diverged(DataError):
@@ -219,5 +222,6 @@ class FilterLoop:
         elif insist:
             patience.failed(event.time)
         elif not (doppler and self._doppler.agreed):
-            patience.refused(event.time)
+            few = doppler and len(event.satellites) < 4
+            patience.refused(event.time, _FEW if few else 1.0)
         return update

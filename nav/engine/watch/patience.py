@@ -38,9 +38,10 @@ class Patience:
         self._lasted, self._latest = 0.0, None
         self._not_before = float("-inf")
 
-    def refused(self, time: float) -> None:
-        """Take a refusal at `time` [s]."""
-        self._lasted, self._latest = self._by(time), time
+    def refused(self, time: float, weight: float = 1.0) -> None:
+        """Take a refusal at `time` [s]; what proves less counts for less of the time."""
+        more = self._by(time) - self._lasted
+        self._lasted, self._latest = self._lasted + weight * more, time
 
     def failed(self, time: float) -> None:
         """Take a refusal of what was insisted on: once more, and soon."""

@@ -127,12 +127,19 @@ def test_on_hold_it_is_tested_against_what_the_others_say(bias, extended):
     assert not screening.held(rows(), 2.5).any()
 
 
-def test_nobody_to_compare_with_extends_nothing():
+def test_where_all_are_on_hold_they_are_held_against_the_filter_together():
+    """Three that are reflected stay there as long as they say so, though one of them, from
+    straight above, hardly knows of the velocity; once they fit, their time runs out.
+    """
     screening = DopplerScreening(1.5, 1e-4)
-    bias = {"G01": 3.0}
-    screened(knowing(), rows(bias=bias), screening=screening)
-    screened(knowing(), rows(("G01",), bias=bias), time=1.0, screening=screening)
-    assert not screening.held(rows(), 1.6).any()
+    bias = {"G01": 3.0, "G02": -2.0, "G03": 0.0}
+    three = rows(tuple(bias), bias=bias)
+    screening._until = dict.fromkeys(bias, 1.5)
+    for time in (1.0, 2.0, 3.0):
+        assert not screened(knowing(), three, time=time, screening=screening).any()
+    assert screening.held(three, 4.4).all()
+    screened(knowing(), rows(tuple(bias)), time=4.0, screening=screening)
+    assert not screening.held(three, 4.5).any()
 
 
 def test_significance_is_the_price_of_caution():

@@ -214,6 +214,19 @@ def test_fewer_than_six_satellites_wait_as_long_as_any_other():
     assert accepted == [False, False, False, True]
 
 
+def test_two_or_three_satellites_need_longer_than_a_reflection_lasts():
+    """What takes four ten seconds takes three half a minute."""
+    for count, first in ((4, 11.0), (3, 29.0)):
+        loop = loop_of(rigs.filter_at_rest(45.0, clock_walk=0.1), filter={"patience_s": 10.0})
+        bias = dict(zip(rigs.NAMES, (50.0, -40.0, 60.0, -70.0), strict=False))
+        before = after = 0.0
+        for t in np.arange(1.0, first + 1.0):
+            before = after
+            assert not loop.offer(doppler(t, rigs.NAMES[:count], bias=bias)).accepted
+            after = loop.kalman.P[VEL, VEL][0, 0]
+        assert before < 0.3**2 and after > 5.0 * before  # doubted at last
+
+
 def test_one_satellite_that_agrees_speaks_for_the_filter():
     """Of three, two are reflected: that is no reason to doubt it, however long it lasts."""
     loop = loop_of(rigs.filter_at_rest(12.0, clock_walk=0.1))
