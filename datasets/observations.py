@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -132,7 +133,7 @@ class GnssObservations:
         """True for rows that nothing has rejected, shape (n,)."""
         return np.asarray(self.rejected == "")
 
-    @property
+    @cached_property
     def has_range_rate(self) -> NDArray[np.bool_]:
         """True for usable rows whose range rate and satellite state are known, shape (n,)."""
         state = np.isfinite(self.sat_vel_e).all(1) & np.isfinite(self.sat_clock_drift)
@@ -148,9 +149,12 @@ class GnssObservations:
 
     def take(self, rows: slice | NDArray) -> GnssObservations:
         """Return the given rows (a slice, a mask or indices)."""
-        return GnssObservations(
-            **{f.name: getattr(self, f.name)[rows] for f in dataclasses.fields(self)}
-        )
+        taken = object.__new__(GnssObservations)  # what is taken of sound columns is sound
+        freeze(taken, **{name: getattr(self, name)[rows] for name in _COLUMNS})
+        ordered("observations", taken.time, strictly=False)
+        for name in _COLUMNS:
+            getattr(taken, name).flags.writeable = False
+        return taken
 
     def with_columns(self, **columns: object) -> GnssObservations:
         """Return a copy with the named columns replaced."""
@@ -160,6 +164,9 @@ class GnssObservations:
         """Return a copy in which the still usable rows of the mask are rejected for `reason`."""
         rejected = np.where(rows & self.usable, reason, self.rejected)
         return self.with_columns(rejected=rejected)
+
+
+_COLUMNS = tuple(f.name for f in dataclasses.fields(GnssObservations))
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from .gnss_states import GnssStates
 from .levers import AntennaPoint, AntennaStates, VehicleStates, rate_over_earth
 from .measurement_update import Update, compiled, innovation, turned, with_filterpy
 from .measurements import Measurement
-from .rotation import FloatArray
+from .rotation import FloatArray, crossed
 from .smoother import Tape
 from .strapdown import InertialStream, NavState
 
@@ -203,7 +203,7 @@ class ErrorStateFilter:
         samples = slice(first, self._sample + 1)
         force_b = self.stream.accel[samples].mean(axis=0) - self.accel_bias
         omega_b = self.stream.gyro[samples].mean(axis=0) - self.gyro_bias
-        coriolis = 2.0 * np.cross(OMEGA_IE_E, self.vel_e)
+        coriolis = 2.0 * crossed(OMEGA_IE_E, self.vel_e)
         accel_e = self.C_eb @ force_b + gravity_e(self.pos_e) - coriolis
         return self.antenna.point(lever_b, accel_e, rate_over_earth(self.C_eb, omega_b))
 

@@ -33,6 +33,7 @@ time stamps of GNSS (`filters.levers`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -98,57 +99,57 @@ class ErrorModel:
                 f"bias_model: expected 'random-walk' or 'gauss-markov', found '{self.bias_model}'"
             )
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Length of the error state."""
         delayed = self.gnss_antenna.sigma_delay > 0.0
         return self._vehicle_end + 3 * (self.antenna is not None) + delayed + self.odometer
 
-    @property
+    @cached_property
     def _gnss_end(self) -> int:
         return self.states + (self.clock_walk > 0) + 3 * (self.fix_correlation > 0)
 
-    @property
+    @cached_property
     def _vehicle_end(self) -> int:
         prior = self.vehicle
         return self._gnss_end + 2 * (prior.sigma_mounting > 0.0) + 2 * (prior.sigma_wheel > 0.0)
 
-    @property
+    @cached_property
     def clock(self) -> int | None:
         """Index of the receiver's clock drift [m/s], if it is a state."""
         return self.states if self.clock_walk > 0 else None
 
-    @property
+    @cached_property
     def fix_bias(self) -> slice | None:
         """The shared error of positions, of unit variance, if it is a state."""
         first = self.states + (self.clock_walk > 0)
         return slice(first, first + 3) if self.fix_correlation > 0 else None
 
-    @property
+    @cached_property
     def mounting(self) -> slice | None:
         """Pitch and yaw of the vehicle's axes about themselves [rad], if they are states."""
         first = self._gnss_end
         return slice(first, first + 2) if self.vehicle.sigma_mounting > 0.0 else None
 
-    @property
+    @cached_property
     def wheel(self) -> slice | None:
         """Place of the constrained point, forward and down [m], if it is a state."""
         first = self._gnss_end + 2 * (self.vehicle.sigma_mounting > 0.0)
         return slice(first, first + 2) if self.vehicle.sigma_wheel > 0.0 else None
 
-    @property
+    @cached_property
     def antenna(self) -> slice | None:
         """Place of the antenna, body axes [m], if it is a state."""
         first = self._vehicle_end
         return slice(first, first + 3) if self.gnss_antenna.sigma_lever > 0.0 else None
 
-    @property
+    @cached_property
     def delay(self) -> int | None:
         """Index of what GNSS is late beyond its stamps [s], if it is a state."""
         first = self._vehicle_end + 3 * (self.gnss_antenna.sigma_lever > 0.0)
         return first if self.gnss_antenna.sigma_delay > 0.0 else None
 
-    @property
+    @cached_property
     def bias_decay_rate(self) -> float:
         """Inverse correlation time of the bias states [1/s]; 0 for random walks."""
         return 1.0 / self.imu.bias_correlation_time_s if self.bias_model == "gauss-markov" else 0.0

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .earth import OMEGA_IE_E
-from .rotation import FloatArray, matrix_from_rotvec
+from .rotation import FloatArray, crossed, matrix_from_rotvec
 
 if TYPE_CHECKING:
     from .error_model import ErrorModel
@@ -54,8 +54,11 @@ def lever_velocity(C_eb: ArrayLike, omega_eb_b: ArrayLike, lever_b: ArrayLike) -
     lever_b : array_like, shape (3,)
         IMU to point, body axes [m].
     """
-    swing_b = np.cross(np.asarray(omega_eb_b, dtype=float), np.asarray(lever_b, dtype=float))
-    return np.einsum("...ij,...j->...i", np.asarray(C_eb, dtype=float), swing_b)
+    C_eb = np.asarray(C_eb, dtype=float)
+    rate_b, lever = np.asarray(omega_eb_b, dtype=float), np.asarray(lever_b, dtype=float)
+    if C_eb.ndim == 2 and rate_b.ndim == 1:
+        return np.asarray(C_eb @ crossed(rate_b, lever))
+    return np.einsum("...ij,...j->...i", C_eb, np.cross(rate_b, lever))
 
 
 @dataclass(frozen=True)

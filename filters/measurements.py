@@ -14,11 +14,12 @@ from .earth import OMEGA_IE_SKEW
 from .error_model import ATT, GYRO_BIAS, POS, VEL
 from .gnss_states import shared_root
 from .levers import AntennaPoint, antenna_point, lever_velocity, rate_over_earth
-from .rotation import FloatArray, skew
+from .rotation import FloatArray, crossed, skew
 from .strapdown import NavState
 
 #: A reflected signal's Doppler is off by twice the speed at most, 1σ [m/s]: 50 km/h.
 _DOPPLER_LARGEST = 30.0
+_IDENTITY = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +131,7 @@ def position(
     """
     point = antenna_point(lever_b)
     H = np.zeros((3, states))
-    H[:, POS] = np.eye(3)
+    H[:, POS] = _IDENTITY
     H[:, ATT] = -state.C_eb @ skew(point.lever_b)
     z = np.asarray(pos_e, dtype=float) - antenna_position(state, point.lever_b)
     if point.lever is not None:
@@ -189,10 +190,10 @@ def velocity(
     point, omega = antenna_point(lever_b), np.asarray(omega_b, dtype=float)
     lever = point.lever_b
     H = np.zeros((3, states))
-    H[:, VEL] = np.eye(3)
+    H[:, VEL] = _IDENTITY
     # C(ω×l) turns with the attitude; so does Cl in the Earth-rate part ω_ie × Cl.
     C_lever = state.C_eb @ skew(lever)
-    H[:, ATT] = OMEGA_IE_SKEW @ C_lever - state.C_eb @ skew(skew(omega) @ lever)
+    H[:, ATT] = OMEGA_IE_SKEW @ C_lever - state.C_eb @ skew(crossed(omega, lever))
     H[:, GYRO_BIAS] = C_lever
     z = np.asarray(vel_e, dtype=float) - antenna_velocity(state, omega, lever)
     if point.lever is not None:
@@ -244,7 +245,7 @@ def range_rates(
         Where they are named, `Measurement.biases` is that of each one's z [m/s].
     """
     e, sigma = np.asarray(e_e, dtype=float), np.asarray(sigma, dtype=float)
-    antenna = velocity(state, states, np.zeros(3), np.eye(3), lever_b, omega_b)
+    antenna = velocity(state, states, np.zeros(3), _IDENTITY, lever_b, omega_b)
     predicted = -antenna.z
     weight = 1.0 / sigma
     residual = weight * (np.asarray(z, dtype=float) - e @ predicted)

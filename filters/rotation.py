@@ -6,6 +6,8 @@ filter needs per update, where a `Rotation` object costs more than the arithmeti
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -34,9 +36,18 @@ def skew(vector: ArrayLike) -> FloatArray:
     return out
 
 
+def crossed(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return a × b of one pair of vectors, shape (3,), at a tenth of the time of `numpy.cross`."""
+    ax, ay, az = a.tolist()
+    bx, by, bz = b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
 def matrix_from_rotvec(rotvec: ArrayLike) -> FloatArray:
     """Return the rotation matrix of a rotation vector [rad] (Rodrigues), shape (..., 3, 3)."""
     v = np.asarray(rotvec, dtype=float)
+    if v.ndim == 1:  # as the filter calls it
+        return _one_matrix(*v.tolist())
     angle2 = np.sum(v * v, axis=-1)[..., None, None]
     angle = np.sqrt(angle2)
     small = angle < 1e-4
@@ -45,6 +56,23 @@ def matrix_from_rotvec(rotvec: ArrayLike) -> FloatArray:
     b = np.where(small, 0.5 - angle2 / 24.0, (1.0 - np.cos(safe)) / (safe * safe))
     s = skew(v)
     return np.eye(3) + a * s + b * (s @ s)
+
+
+def _one_matrix(x: float, y: float, z: float) -> FloatArray:
+    n2 = x * x + y * y + z * z
+    n = math.sqrt(n2)
+    if n < 1e-4:
+        a, b = 1.0 - n2 / 6.0, 0.5 - n2 / 24.0
+    else:
+        a, b = math.sin(n) / n, (1.0 - math.cos(n)) / (n * n)
+    ax, ay, az, xy, xz, yz = a * x, a * y, a * z, b * x * y, b * x * z, b * y * z
+    return np.array(
+        [
+            [1.0 - b * (y * y + z * z), xy - az, xz + ay],
+            [xy + az, 1.0 - b * (x * x + z * z), yz - ax],
+            [xz - ay, yz + ax, 1.0 - b * (x * x + y * y)],
+        ]
+    )
 
 
 def matrix_from_rpy(rpy: ArrayLike) -> FloatArray:

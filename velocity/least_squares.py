@@ -184,16 +184,21 @@ def doppler_velocity(
     if len(rows) < 4:
         return DopplerVelocity(time, "too few satellites")
     H = np.column_stack([rows.e_e, -np.ones(len(rows))])
-    if solve(rows.e_e, rows.z, rows.sigma, max_dop) is None:
+    whole = solve(rows.e_e, rows.z, rows.sigma, max_dop)
+    if whole is None:
         return DopplerVelocity(time, "degenerate geometry")
 
-    def solvable(keep: NDArray[np.bool_]) -> bool:
-        return solve(rows.e_e[keep], rows.z[keep], rows.sigma[keep], max_dop) is not None
+    def solved(keep: NDArray[np.bool_]) -> Solution | None:
+        if keep.all():
+            return whole
+        return solve(rows.e_e[keep], rows.z[keep], rows.sigma[keep], max_dop)
 
-    keep = consistent_rows(H, rows.z, rows.sigma, significance, solvable)
+    keep = consistent_rows(
+        H, rows.z, rows.sigma, significance, lambda trial: solved(trial) is not None
+    )
     if keep is None:
         return DopplerVelocity(time, "inconsistent")
-    solution = solve(rows.e_e[keep], rows.z[keep], rows.sigma[keep], max_dop)
+    solution = solved(keep)
     assert solution is not None
     return _result(rows, keep, solution, time)
 
@@ -252,7 +257,7 @@ def _result(
         vel_e=solution.state[:3],
         cov_e=factor * solution.cov[:3, :3],
         clock_drift=float(solution.state[3]),
-        satellites=tuple(map(str, rows.sat[keep])),
+        satellites=tuple(rows.sat[keep].tolist()),
         row=rows.row[keep],
         residuals=solution.residuals,
         rejected=tuple(map(int, rows.row[~keep])),

@@ -221,9 +221,9 @@ def line_of_sight(pos_e: ArrayLike, sat_pos_e: ArrayLike, sat_vel_e: ArrayLike) 
     sat_vel_i = np.asarray(sat_vel_e, dtype=float) + sat_pos_e @ OMEGA_IE_SKEW.T
     delta = sat_pos_e - pos_e
     for _ in range(3):  # each pass gains a factor ω·r/c ≈ 1e-6
-        angle = EARTH_RATE / SPEED_OF_LIGHT * np.linalg.norm(delta, axis=-1)
+        angle = EARTH_RATE / SPEED_OF_LIGHT * _length(delta)
         delta = _rotated(sat_pos_e, angle) - pos_e
-    distance = np.linalg.norm(delta, axis=-1)
+    distance = _length(delta)
     return LineOfSight(
         delta / distance[..., None], distance, delta + pos_e, _rotated(sat_vel_i, angle)
     )
@@ -232,8 +232,15 @@ def line_of_sight(pos_e: ArrayLike, sat_pos_e: ArrayLike, sat_vel_e: ArrayLike) 
 def _rotated(vector: FloatArray, angle: FloatArray) -> FloatArray:
     """Return vectors of ECEF at transmission in ECEF at reception, the Earth having turned."""
     s, c = np.sin(angle), np.cos(angle)
-    x, y, z = np.moveaxis(vector, -1, 0)
-    return np.stack([c * x + s * y, c * y - s * x, z], axis=-1)
+    x, y = vector[..., 0], vector[..., 1]
+    out = np.array(vector)
+    out[..., 0], out[..., 1] = c * x + s * y, c * y - s * x
+    return out
+
+
+def _length(vector: FloatArray) -> FloatArray:
+    """Return the norm along the last axis, without what `numpy.linalg.norm` asks first."""
+    return np.asarray(np.sqrt(np.add.reduce(vector * vector, axis=-1)))
 
 
 def predicted_range_rate(
@@ -305,14 +312,14 @@ def doppler_rows(
     """
     row = np.flatnonzero(observations.has_range_rate)
     pos_e = np.asarray(pos_e, dtype=float)
-    pos_e = pos_e[row] if pos_e.ndim == 2 else pos_e
-    sight = line_of_sight(pos_e, observations.sat_pos_e[row], observations.sat_vel_e[row])
-    counted, sent = observations.range_rate[row], observations.sat_clock_drift[row]
-    e_e, z = rows_at(sight, pos_e, counted, sent)
-    sigma = (noise or DopplerNoise()).sigma(observations.cn0[row], observations.elevation[row])
-    sigma = sigma * observations.noise_factor[row]
-    by_pos = _by_position(sight, pos_e)
-    return DopplerRows(row, observations.sat[row], e_e, z, sigma, by_pos)
+    o = observations
+    if row.size < len(o):
+        o = o.take(row)
+        pos_e = pos_e[row] if pos_e.ndim == 2 else pos_e
+    sight = line_of_sight(pos_e, o.sat_pos_e, o.sat_vel_e)
+    e_e, z = rows_at(sight, pos_e, o.range_rate, o.sat_clock_drift)
+    sigma = (noise or DopplerNoise()).sigma(o.cn0, o.elevation) * o.noise_factor
+    return DopplerRows(row, o.sat, e_e, z, sigma, _by_position(sight, pos_e))
 
 
 def rows_at(

@@ -39,7 +39,7 @@ class DopplerScreening:
 
     def held(self, rows: DopplerRows, time: float) -> NDArray[np.bool_]:
         """Return which rows belong to satellites that are not believed at `time`."""
-        return np.array([self._until.get(str(s), -np.inf) > time for s in rows.sat], dtype=bool)
+        return np.array([self._until.get(s, -np.inf) > time for s in rows.sat.tolist()], dtype=bool)
 
     def forget(self) -> None:
         """Believe every satellite again."""
@@ -68,8 +68,8 @@ class DopplerScreening:
                 P = free
         used = np.zeros(len(rows), dtype=bool)
         used[np.flatnonzero(~held)[keep]] = True
-        for sat in rows.sat[~held][~keep]:
-            self._until[str(sat)] = time + self.hold_off
+        for sat in rows.sat[~held][~keep].tolist():
+            self._until[sat] = time + self.hold_off
         if held.any():
             after = _posterior(H[keep], P)
             x = after @ H[keep].T @ z[keep]
@@ -79,8 +79,8 @@ class DopplerScreening:
                 wrong = off**2 > 9.0 * np.diag(S)
             else:
                 wrong = np.full(len(z), off @ np.linalg.solve(S, off) > gate_limit(len(z), _AGAIN))
-            for sat in rows.sat[held][wrong]:
-                self._until[str(sat)] = time + self.hold_off
+            for sat in rows.sat[held][wrong].tolist():
+                self._until[sat] = time + self.hold_off
         return used
 
 
@@ -90,16 +90,18 @@ def _linear(
     """Return whitened rows in antenna velocity and clock drift: H (n, 4), z (n,) and P (4, 4)."""
     n, point = kalman.model.size, kalman.antenna_point(calibration.lever_antenna_b)
     m = measurements.velocity(kalman.state, n, np.zeros(3), np.eye(3), point, kalman.omega_b)
-    antenna, predicted = m.H, -m.z
+    predicted = -m.z
     clock = kalman.model.clock
-    P = np.zeros((4, 4))
-    J = antenna
+    J = np.zeros((4, n))
+    J[:3] = m.H
     if clock is not None:
-        J = np.vstack([antenna, np.eye(n)[clock]])
-    P[: len(J), : len(J)] = J @ kalman.P @ J.T
+        J[3, clock] = 1.0
+    P = J @ kalman.P @ J.T
     if clock is None:
         P = _without_clock(P)
-    H = np.column_stack([rows.e_e, -np.ones(len(rows))]) / rows.sigma[:, None]
+    H = np.empty((len(rows), 4))
+    H[:, :3], H[:, 3] = rows.e_e, -1.0
+    H /= rows.sigma[:, None]
     z = (rows.z - rows.e_e @ predicted + kalman.gnss.clock_drift) / rows.sigma
     return H, z, P
 

@@ -97,7 +97,7 @@ class DopplerUpdates:
             reason = f"fewer than {'two' if count < 2 else 'four'} satellites agree with the filter"
             if count == 4:
                 reason = "four satellites, fewer the epoch before"
-            return Update(time, event.kind, tuple(map(str, rows.sat)), reason=reason)
+            return Update(time, event.kind, tuple(rows.sat.tolist()), reason=reason)
         return self._apply(time, rows.take(keep), enough)
 
     def _apply(self, time: float, rows: DopplerRows, enough: bool) -> Update:
@@ -113,7 +113,7 @@ class DopplerUpdates:
         if not enough and self.forward and outcome.accepted:
             straight = kalman.update(straight_ahead(kalman, calibration), gate)
             self.log(logged(time, "nhc", (), straight))
-        return logged(time, kind, tuple(map(str, rows.sat)), outcome)
+        return logged(time, kind, tuple(rows.sat.tolist()), outcome)
 
     def _doubt(self, event: GnssEvent, rows: DopplerRows, checked: bool) -> None:
         """Enlarge the covariance: of the velocity alone, if that is likely to be all."""
@@ -140,7 +140,7 @@ class DopplerUpdates:
 
     def _log_exclusion(self, time: float, rows: DopplerRows) -> None:
         if len(rows):
-            names = tuple(map(str, rows.sat))
+            names = tuple(rows.sat.tolist())
             hold = self.config.gnss.doppler_hold_off_s
             reason = f"disagrees with the filter: not believed for {hold:g} s"
             self.log(Update(time, "doppler", names, reason=reason))
@@ -153,7 +153,7 @@ def rows_measurement(
     return measurements.range_rates(
         kalman.state, kalman.model.size, rows.e_e, rows.z, rows.sigma,
         kalman.antenna_point(calibration.lever_antenna_b), kalman.omega_b, kalman.model.clock,
-        kalman.gnss.clock_drift, rows.z_by_pos, tuple(map(str, rows.sat)),
+        kalman.gnss.clock_drift, rows.z_by_pos, tuple(rows.sat.tolist()),
     )  # fmt: skip
 
 
@@ -175,7 +175,7 @@ def apply_ddia(
     """Offer DDIA-VE's velocity; the outcome is None when there is none to offer."""
     # Rows carry σ, not C/N0; the noise model turns one threshold into the other.
     loud = rows.sigma <= float(doppler_noise(config).sigma(config.ddia_min_cn0_dbhz)) + 1e-12
-    names = tuple(map(str, rows.sat))
+    names = tuple(rows.sat.tolist())
     if loud.sum() < 2:
         return None, names, "fewer than two satellites above the C/N0 of DDIA-VE"
     motion = ddia_update.filter_motion(kalman, calibration)

@@ -113,5 +113,5 @@ def logged(
     """Return what the log says of a measurement that was tested."""
     if not outcome.accepted and not reason:
         reason = f"innovation test (NIS > {outcome.limit:.1f})"
-    whitened = tuple(map(float, outcome.whitened))
+    whitened = tuple(outcome.whitened.tolist())
     return Update(time, kind, satellites, whitened, outcome.nis, outcome.accepted, reason)

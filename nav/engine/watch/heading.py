@@ -18,7 +18,7 @@ from ....alignment.velocity_matching import heading_offset
 from ....filters.earth import C_en_of, gravity_e
 from ....filters.ekf import ErrorStateFilter
 from ....filters.error_model import ATT
-from ....filters.rotation import FloatArray, matrix_from_rotvec
+from ....filters.rotation import FloatArray, crossed, matrix_from_rotvec
 from ..events import GnssEvent
 from .sanity import Lost
 
@@ -111,7 +111,7 @@ class HeadingMonitor:
         self._gravity_e = gravity_e(kalman.pos_e)
         near = np.clip(kalman.bias[:6] - self._start_bias, -self._spread, self._spread)
         self._believed = self._start_bias + near
-        lever_velocity_b = np.cross(kalman.omega_b, self.lever_antenna_b)
+        lever_velocity_b = crossed(kalman.omega_b, self.lever_antenna_b)
         self._intervals.append(
             _Interval(time, vel_e, velocity.sigma, lever_velocity_b, self._felt_b, self._turned)
         )
