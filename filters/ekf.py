@@ -72,6 +72,8 @@ class Follower(Protocol):
 
 #: What moves the antenna so that GNSS shows its place and delay is a mean over so long [s].
 _STEADY = 0.5
+#: Samples that stay for measurements to look back to, twice a standstill's window [s].
+_LOOK_BACK = 2.0
 #: Position [m], velocity [m/s] and attitude [rad] errors beyond which enlarging P is pointless.
 _LOST = np.repeat([1000.0, 30.0, 1.0], 3)
 
@@ -263,6 +265,21 @@ class ErrorStateFilter:
         if needed > len(self._rows):
             more = max(needed, 2 * len(self._rows)) - len(self._rows)
             self._rows = np.vstack([self._rows, np.zeros((more, layout.ROW_SIZE))])
+
+    def forget(self, before: float) -> None:
+        """Let go of recorded rows, and of a live stream's samples, from before a time [s].
+
+        Samples that measurements look back to stay. What `tape` has stays whole.
+        """
+        self._sample -= self.stream.forget(min(before, self.time - _LOOK_BACK))
+        rows = self.rows
+        gone = min(int(np.searchsorted(rows[:, layout.ROW_TIME], before)), len(rows) - 1)
+        if 2 * gone < len(rows):
+            return
+        kept = np.zeros((max(2 * (len(rows) - gone), 1024), layout.ROW_SIZE))
+        kept[: len(rows) - gone] = rows[gone:]
+        self._rows = kept
+        self._cursor[0] -= gone
 
     def _advance(self, until: float) -> None:
         self._reserve(until)

@@ -129,6 +129,22 @@ class InertialStream:
         self._edges[n + 1], self._gyro[n], self._accel[n] = time, sample[:3], sample[3:]
         self._count = n + 1
 
+    def forget(self, before: float) -> int:
+        """Let go of samples that ended before a time [s], of a live stream; return how many.
+
+        Nothing is done until they are half of what is held, so that one sample's share is small;
+        arrays handed out before stay as they were.
+        """
+        gone = int(np.searchsorted(self.edges, before)) - 1
+        if 2 * gone < max(self._count, 1):
+            return 0
+        kept, room = self._count - gone, max(2 * (self._count - gone), 1024)
+        edges, gyro, accel = np.zeros(room + 1), np.zeros((room, 3)), np.zeros((room, 3))
+        edges[: kept + 1] = self._edges[gone : self._count + 1]
+        gyro[:kept], accel[:kept] = self.gyro[gone:], self.accel[gone:]
+        self._edges, self._gyro, self._accel, self._count = edges, gyro, accel, kept
+        return gone
+
     def __len__(self) -> int:
         return self._count
 

@@ -27,9 +27,10 @@ from numpy.typing import ArrayLike
 
 from ..datasets.sequence import Calibration
 from ..datasets.series import Odometer
+from ..filters.compiled import rows as layout
 from ..filters.earth import C_en_of, ecef_to_lla
 from ..filters.error_model import ATT, POS, VEL
-from ..filters.errors import AlignmentError
+from ..filters.errors import AlignmentError, ConfigError
 from ..filters.rotation import FloatArray, rpy_from_matrix
 from ..filters.strapdown import InertialStream
 from .config import AlignmentConfig, Config
@@ -44,6 +45,9 @@ from .engine.watch.sanity import Lost
 from .installation import Installation
 from .notes import clock
 from .solution import Update
+
+#: What is looked back to for a standstill, and for a start of what has just been lost [s].
+_SHORTEST_HISTORY = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +156,10 @@ class Navigator:
         How late after its epoch GNSS may arrive and is still sure to be used [s].
     odometer : Odometer, optional
         Recorded; live odometers are not supported.
+    history : float
+        How long `rows`, `updates` and samples of the IMU are kept while the filter runs, at least
+        [s]; default: for ever, some 4 MB a minute at 400 Hz. After a lost solution a start is
+        looked for in what there is.
 
     Attributes
     ----------
@@ -178,7 +186,13 @@ class Navigator:
         imu_interval: float,
         latency: float = 0.5,
         odometer: Odometer | None = None,
+        history: float = np.inf,
     ) -> None:
+        if not history >= _SHORTEST_HISTORY:
+            raise ConfigError(
+                f"history: expected {_SHORTEST_HISTORY:g} s or more, found {history!r}"
+            )
+        self._history, self._forgotten = history, -np.inf
         self.calibration, self.config, self.latency = calibration, config, latency
         self._stream = InertialStream.live(imu_interval)
         self._vehicle = VehicleConstraints(calibration, config.vehicle, odometer)
@@ -283,6 +297,16 @@ class Navigator:
         if self._loop is not None:
             with self._restarting():
                 self._loop.constrain(until)
+        if until - self._forgotten > 0.5 * self._history:
+            self._forget(until)
+
+    def _forget(self, now: float) -> None:
+        """Let go of what is older than the history, of all once in half of its time."""
+        before, self._forgotten = now - self._history, now
+        if self._loop is not None:
+            self._loop.forget(before)
+        self._past = [update for update in self._past if update.time >= before]
+        self._rows = [rows for rows in self._rows if rows[-1, layout.ROW_TIME] >= before]
 
     @contextmanager
     def _restarting(self) -> Iterator[None]:

@@ -127,6 +127,12 @@ class FilterLoop:
         patience.accepted()
         return dataclasses.replace(outcome, accepted=True), ENLARGED
 
+    def forget(self, before: float) -> None:
+        """Let go of samples, rows and log from before a time [s]; the last update stays."""
+        self.kalman.forget(before)
+        gone = sum(1 for update in self.updates[:-1] if update.time < before)
+        del self.updates[:gone]
+
     @property
     def reached(self) -> float:
         """How far the events went [s]."""

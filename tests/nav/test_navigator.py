@@ -7,7 +7,7 @@ import pytest
 
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
-from certnav.filters.errors import DataError
+from certnav.filters.errors import ConfigError, DataError
 from certnav.nav.config_files import from_tables
 from certnav.nav.engine.gnss import gnss_timeline
 from certnav.nav.navigator import Navigator
@@ -42,10 +42,10 @@ def moving():
     return simulation.sequence(fixes=fixes)
 
 
-def feed(drive, delay, config=CONFIG):
+def feed(drive, delay, config=CONFIG, **options):
     """Play a recorded drive into a navigator, GNSS arriving `delay` after its epoch."""
     events = list(gnss_timeline(drive, config.gnss).events)
-    navigator = Navigator(drive.calibration, config, drive.imu.interval)
+    navigator = Navigator(drive.calibration, config, drive.imu.interval, **options)
     states = []
     for time, gyro, accel in zip(drive.imu.time, drive.imu.gyro_b, drive.imu.accel_b, strict=True):
         navigator.add_imu(time, gyro, accel)
@@ -137,3 +137,23 @@ def test_disorder_is_refused(drive):
         navigator.add_imu(9.99, np.zeros(3), np.zeros(3))
     with pytest.raises(DataError, match="six finite values"):
         navigator.add_imu(10.01, np.full(3, np.nan), np.zeros(3))
+
+
+def test_a_short_history_changes_no_digit_and_does_not_grow(drive):
+    whole, states = feed(drive, 0.3)
+    short, again = feed(drive, 0.3, history=10.0)
+    for (time, state), (_, other) in zip(states, again, strict=True):
+        assert np.array_equal(state.pos_e, other.pos_e) and state.time == other.time, time
+    end = drive.imu.time[-1]
+    # What is let go of is let go of in halves, so that twice the history is the most there is.
+    for held, all_of_it in ((short.rows[:, 0], whole.rows[:, 0]), (
+        np.array([u.time for u in short.updates]), np.array([u.time for u in whole.updates])
+    )):  # fmt: skip
+        assert end - 21.0 < held[0] <= end - 9.0
+        np.testing.assert_array_equal(held, all_of_it[-len(held) :])
+    assert len(short._stream) * drive.imu.interval < 31.0 < drive.imu.time[-1] - drive.imu.time[0]
+
+
+def test_a_history_that_is_too_short_is_refused(drive):
+    with pytest.raises(ConfigError, match="history: expected 10 s or more, found 1"):
+        Navigator(drive.calibration, CONFIG, 0.01, history=1.0)
