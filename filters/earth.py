@@ -97,7 +97,7 @@ def C_en_of(pos_e: ArrayLike) -> FloatArray:
      [ 1.  0.  0.]]
     """
     pos_e = np.asarray(pos_e, dtype=float)
-    if pos_e.ndim == 1:  # as the filter calls it
+    if pos_e.ndim == 1 and pos_e @ pos_e > 0.0:  # as the filter calls it
         return _one_C_en(*pos_e.tolist())
     lla = ecef_to_lla(pos_e)
     return C_en_at(lla[..., 0], lla[..., 1])
@@ -153,8 +153,19 @@ def gravity_e(pos_e: ArrayLike) -> FloatArray:
     array([0.    , 0.    , 9.8062])
     """
     p = np.asarray(pos_e, dtype=float)
+    if p.ndim == 1 and p @ p > 0.0:  # as the filter calls it
+        return _one_gravity_e(*p.tolist())
     centrifugal = EARTH_RATE**2 * p * np.array([1.0, 1.0, 0.0])
     return gravitation_e(p) + centrifugal
+
+
+def _one_gravity_e(x: float, y: float, z: float) -> FloatArray:
+    r2 = x * x + y * y + z * z
+    z2 = z * z / r2
+    c = 1.5 * J2 * SEMI_MAJOR_AXIS**2 / r2
+    scale, turning = -GM / (r2 * math.sqrt(r2)), EARTH_RATE**2
+    level = scale * (1.0 + c * (1.0 - 5.0 * z2)) + turning
+    return np.array([level * x, level * y, scale * (1.0 + c * (3.0 - 5.0 * z2)) * z])
 
 
 def gravity_gradient_e(pos_e: ArrayLike) -> FloatArray:

@@ -164,6 +164,8 @@ class ErrorStateFilter:
         self.vehicle = VehicleStates(model)
         self.antenna = AntennaStates(model)
         self.omega_b = np.zeros(3)
+        #: Sample, and mean specific force and rate over `_STEADY` up to it.
+        self._steady: tuple[int, FloatArray, FloatArray] | None = None
         self._noise = model.noise()
         self._update: Update = with_filterpy if filterpy else compiled
         self._sample = stream.index(state.time)
@@ -201,10 +203,13 @@ class ErrorStateFilter:
         """Return the antenna as estimated, from its lever as declared [m]."""
         if self.model.antenna is None and self.model.delay is None:
             return self.antenna.point(lever_b)
-        first = max(self._sample - max(round(_STEADY / self.stream.interval), 1), 0)
-        samples = slice(first, self._sample + 1)
-        force_b = self.stream.accel[samples].mean(axis=0) - self.accel_bias
-        omega_b = self.stream.gyro[samples].mean(axis=0) - self.gyro_bias
+        if self._steady is None or self._steady[0] != self._sample:
+            first = max(self._sample - max(round(_STEADY / self.stream.interval), 1), 0)
+            samples = slice(first, self._sample + 1)
+            felt, turned = self.stream.accel[samples], self.stream.gyro[samples]
+            self._steady = self._sample, felt.mean(axis=0), turned.mean(axis=0)
+        force_b = self._steady[1] - self.accel_bias
+        omega_b = self._steady[2] - self.gyro_bias
         coriolis = 2.0 * crossed(OMEGA_IE_E, self.vel_e)
         accel_e = self.C_eb @ force_b + gravity_e(self.pos_e) - coriolis
         return self.antenna.point(lever_b, accel_e, rate_over_earth(self.C_eb, omega_b))
@@ -271,6 +276,7 @@ class ErrorStateFilter:
 
         Samples that measurements look back to stay. What `tape` has stays whole.
         """
+        self._steady = None
         self._sample -= self.stream.forget(min(before, self.time - _LOOK_BACK))
         rows = self.rows
         gone = min(int(np.searchsorted(rows[:, layout.ROW_TIME], before)), len(rows) - 1)

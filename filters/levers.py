@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .earth import OMEGA_IE_E
+from .earth import EARTH_RATE
 from .rotation import FloatArray, crossed, matrix_from_rotvec
 
 if TYPE_CHECKING:
@@ -38,8 +38,8 @@ def rate_over_earth(C_eb: ArrayLike, omega_b: ArrayLike) -> FloatArray:
     omega_b : array_like, shape (..., 3)
         ω_ib^b, corrected [rad/s].
     """
-    C_be = np.swapaxes(np.asarray(C_eb, dtype=float), -1, -2)
-    rate: FloatArray = np.asarray(omega_b, dtype=float) - C_be @ OMEGA_IE_E
+    axis_b = np.asarray(C_eb, dtype=float)[..., 2, :]  # the Earth's
+    rate: FloatArray = np.asarray(omega_b, dtype=float) - EARTH_RATE * axis_b
     return rate
 
 

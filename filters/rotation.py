@@ -61,6 +61,8 @@ def matrix_from_rotvec(rotvec: ArrayLike) -> FloatArray:
 def _one_matrix(x: float, y: float, z: float) -> FloatArray:
     n2 = x * x + y * y + z * z
     n = math.sqrt(n2)
+    if not n < math.inf:
+        return np.full((3, 3), np.nan)
     if n < 1e-4:
         a, b = 1.0 - n2 / 6.0, 0.5 - n2 / 24.0
     else:

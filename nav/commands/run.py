@@ -79,8 +79,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Navigate a recording; status 3 if the solution was lost."""
     import dataclasses
 
-    from ...datasets.great.catalogue import great_sequence
-    from ...datasets.own.drafted import declaration_of
     from ...filters.errors import ConfigError, DataError
     from ..config_files import load_config
     from ..results.formats import parse_formats
@@ -98,10 +96,13 @@ def run(arguments: argparse.Namespace) -> int:
         config = dataclasses.replace(config, data=data)
     path = arguments.path
     if arguments.imu is not None:
+        from ...datasets.own.drafted import declaration_of
         from ..drafting import measured_draft
 
         path = declaration_of(path, arguments.imu, measured_draft)
     if arguments.great is not None:
+        from ...datasets.great.catalogue import great_sequence
+
         path, data = great_sequence(path, arguments.great, config.data)
         config = dataclasses.replace(config, data=data)
     only = arguments.only is not None

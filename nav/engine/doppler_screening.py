@@ -55,14 +55,14 @@ class DopplerScreening:
         together: some of them may fit by where they stand in the sky.
         """
         held = self.held(rows, time)
-        trial = rows.take(~held)
-        H, z, P = _linear(kalman, calibration, trial)
-        keep = agreeing(H, z, P, self.significance) if len(trial) else np.zeros(0, dtype=bool)
-        if len(trial) >= 3 and 2 * keep.sum() < len(trial):
+        all_H, all_z, P = _linear(kalman, calibration, rows)
+        H, z = all_H[~held], all_z[~held]
+        keep = agreeing(H, z, P, self.significance) if z.size else np.zeros(0, dtype=bool)
+        if z.size >= 3 and 2 * keep.sum() < z.size:
             # All of them at once: it may be the receiver's clock that has jumped.
             free = _without_clock(P)
             again = agreeing(H, z, free, self.significance)
-            if 2 * again.sum() > len(trial) and again.sum() >= 3:
+            if 2 * again.sum() > z.size and again.sum() >= 3:
                 kalman.reconsider(*kalman.gnss.clock_forgotten(kalman.P))
                 keep = again
                 P = free
@@ -73,7 +73,7 @@ class DopplerScreening:
         if held.any():
             after = _posterior(H[keep], P)
             x = after @ H[keep].T @ z[keep]
-            H, z, _ = _linear(kalman, calibration, rows.take(held))
+            H, z = all_H[held], all_z[held]
             off, S = z - H @ x, H @ after @ H.T + np.eye(len(z))
             if keep.any():
                 wrong = off**2 > 9.0 * np.diag(S)
