@@ -100,19 +100,20 @@ def heading_offset(
     if count < 10:
         return None
     A, y = _equations(time, vel_n, felt_n, C_nb), np.asarray(vel_n, dtype=float)
+    flat, size = A.reshape(2 * count, -1), A.shape[2]
     walked = _WALK * np.minimum.outer(time - time[0], time - time[0])
     white = np.hypot(sigma, _FLOOR) ** 2
     weight = np.ones(count)
     for _ in range(_ROUNDS):
         W = np.linalg.inv(walked + np.diag(white / weight))
-        N = np.diag(_PRIOR) + np.einsum("kap,kl,laq->pq", A, W, A)
-        cov = np.linalg.inv(N)
-        rest = y - A @ (cov @ np.einsum("kap,kl,la->p", A, W, y))
+        weighted = (W @ A.reshape(count, -1)).reshape(-1, size)
+        cov = np.linalg.inv(np.diag(_PRIOR) + flat.T @ weighted)
+        x = cov @ (weighted.T @ y.ravel())
+        rest = y - A @ x
         pulled = W @ rest
         # What a velocity is off from what all others say of it, in its own σ.
         off = np.abs(pulled).max(axis=1) / np.sqrt(np.diag(W))
         weight = np.minimum(1.0, _HUBER / np.maximum(off, 1e-9)) * weight
-    x = cov @ np.einsum("kap,kl,la->p", A, W, y)
     # Noise that is larger than assumed makes what follows from it worth less.
     cov = cov * max(1.0, float(np.sum(rest * pulled)) / (2 * count - 9))
     cosine, sine = x[:2]

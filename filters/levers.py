@@ -133,8 +133,8 @@ class VehicleStates:
             forward, down = x[self.model.wheel]
             self.wheel_v += self.turn @ np.array([forward, 0.0, down])
         if self.model.mounting is not None:
-            pitch, yaw = x[self.model.mounting]
-            self.turn = self.turn @ matrix_from_rotvec(np.array([0.0, pitch, yaw]))
+            pitch, yaw = x[self.model.mounting].tolist()
+            self.turn = self.turn @ matrix_from_rotvec([0.0, pitch, yaw])
 
     def forgotten(self, P: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return P and the transition for a mounting that has changed: as unknown as before."""

@@ -62,7 +62,7 @@ class Stopwatch:
     """Processor time by stages: a stage does not count while one within it runs."""
 
     def __init__(self) -> None:
-        self.spent = {name: 0.0 for name in (*FOUND, *STAGES, "other")}
+        self.spent = dict.fromkeys((*FOUND, *STAGES, "other"), 0.0)
         self._stack, self._since = ["other"], 0.0
 
     def enter(self, stage: str) -> None:
@@ -254,7 +254,11 @@ def cases(arguments: argparse.Namespace, folder: Path) -> Iterator[tuple[str, li
     if wanted("text"):
         path = text_drive(folder / "text-1200-200", 1200.0, 200.0)
         whole = ["--only", "nav", "--set", "filter.output_rate_hz=0"]
-        yield "240,000 samples, text to .nav", ["run", str(path), *out, *TEXT_OPTIONS, *whole], False
+        yield (
+            "240,000 samples, text to .nav",
+            ["run", str(path), *out, *TEXT_OPTIONS, *whole],
+            False,
+        )
     if wanted("day"):
         for share in (float(part) for part in arguments.days.split(",")):
             path = text_drive(folder / f"text-{share:g}d-100", 86400.0 * share, 100.0)
@@ -292,7 +296,8 @@ def main() -> int:
             runs = [measured(command, folder, cache) for _ in range(arguments.repeat)]
             row = min(runs, key=lambda run: run["all"])
             figures[name] = row
-            print(f"| {name} | " + " | ".join(_cell(row, key) for key in COLUMNS) + " |", flush=True)
+            cells = " | ".join(_cell(row, key) for key in COLUMNS)
+            print(f"| {name} | {cells} |", flush=True)
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(figures, indent=1), encoding="utf-8")
     return 0

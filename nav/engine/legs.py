@@ -35,6 +35,9 @@ from .start.state import Start, start_filter
 from .vehicle import VehicleConstraints
 from .watch.sanity import Lost
 
+#: What noise is fitted to: so long from the start on [s]. What hours of driving say about a few
+#: numbers is said by then, and passes over a whole day take longer than the run itself.
+FITTED_TO = 7200.0
 #: Starts in one run after which the data, not the filter, are to blame.
 _MOST = 6
 
@@ -117,6 +120,12 @@ def legs(course: Course, report: Callable[[float, str], None]) -> Iterator[Leg]:
         config = replace(course.config, alignment=again(course.config.alignment))
         course = replace(course, config=config, start=None)
     raise AlignmentError(f"lost {_MOST} times")
+
+
+def fitted_part(course: Course, start: Start) -> str:
+    """Return of what part of a recording noise is fitted, in words; '' of all after the start."""
+    whole = course.stream.end - start.state.time <= FITTED_TO
+    return "" if whole else f" of the first {FITTED_TO / 3600.0:g} h"
 
 
 def found_start(course: Course, events: tuple[GnssEvent, ...]) -> Start:

@@ -172,8 +172,9 @@ class VehicleConstraints:
         """Return the mean measured rate over the last second if the vehicle stood, else None."""
         if not (self.config.zupt or self.config.zaru):
             return None
-        sigma = float(np.sqrt(np.diag(kalman.P)[VEL].max()))
-        if sigma > _KNOWN or np.linalg.norm(kalman.vel_e) > max(_SLOW, 2.0 * sigma):
+        sigma = float(np.sqrt(max(kalman.P.diagonal()[VEL].tolist())))
+        speed = float(np.sqrt(kalman.vel_e @ kalman.vel_e))
+        if sigma > _KNOWN or speed > max(_SLOW, 2.0 * sigma):
             return None
         sigma_bias = np.sqrt(np.diag(kalman.P)[GYRO_BIAS])
         return rate_at_rest(

@@ -12,7 +12,7 @@ from ....filters.earth import C_en_of
 from ...notes import Note, plain
 from ...solution import FixErrors
 from ..events import SHARED, GnssEvent
-from ..legs import Course, found_start
+from ..legs import Course, fitted_part, found_start
 from .estimate import ALLOWANCE, fit, parts
 from .loose import loose_pass
 
@@ -83,7 +83,9 @@ def with_fitted_noise(
             "is a jump or wrong data, not noise; as declared"
         )
         return course, None, (Note("doubtful", text),)
-    return with_noise(course, errors), errors, plain([_said(errors, len(used))])
+    return with_noise(course, errors), errors, plain([
+        _said(errors, f"{len(used)} positions{fitted_part(course, start)}")
+    ])  # fmt: skip
 
 
 def _why_not(course: Course, positions: list[GnssEvent]) -> str:
@@ -144,7 +146,7 @@ def _declared(why: str) -> tuple[Note, ...]:
     return plain([f"noise of positions: as declared ({why})"])
 
 
-def _said(errors: FixErrors, count: int) -> str:
+def _said(errors: FixErrors, data: str) -> str:
     text = f"noise of positions: {errors.scale:.2g} times the declared σ, "
     if errors.share == 0.0:
         text += "each of its own"
@@ -153,4 +155,4 @@ def _said(errors: FixErrors, count: int) -> str:
         text += f"{errors.correlation_s:.3g} s"
     if errors.meaning == ALLOWANCE:
         text += ", beyond it as declared for reflections"
-    return f"{text} (fitted to {count} positions; what is constant throughout does not show)"
+    return f"{text} (fitted to {data}; what is constant throughout does not show)"

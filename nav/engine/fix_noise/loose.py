@@ -12,7 +12,7 @@ from ....filters.earth import C_en_of
 from ....filters.ekf import ErrorStateFilter
 from ....filters.rotation import FloatArray
 from ..events import GnssEvent
-from ..legs import Course
+from ..legs import FITTED_TO, Course
 from ..loop import Diverged, FilterLoop
 from ..start.state import Start, start_filter
 from ..watch.sanity import Lost
@@ -30,7 +30,8 @@ def loose_pass(course: Course, start: Start) -> tuple[list[GnssEvent], Innovatio
     Returns
     -------
     positions, innovations
-        Where the filter is lost before the end of the data, those until then. Positions with
+        Where the filter is lost before the end of the data, those until then; of a recording of
+        many hours those of the first (`legs.FITTED_TO`). Positions with
         resolved ambiguities are not among them.
     """
     config = dataclasses.replace(
@@ -41,14 +42,17 @@ def loose_pass(course: Course, start: Start) -> tuple[list[GnssEvent], Innovatio
     kalman = start_filter(start, course.stream, course.calibration, model, config.filter)
     spells = deque(course.spells)
     loop = FilterLoop(kalman, course.calibration, course.vehicle, config, spells)
-    lever_b, end = course.calibration.lever_antenna_b, course.stream.end
+    lever_b = course.calibration.lever_antenna_b
+    end = min(course.stream.end, kalman.time + FITTED_TO)
     used: list[GnssEvent] = []
     seen: list[tuple[FloatArray, FloatArray, FloatArray]] = []
     try:
         for event in course.events:
+            if event.time > end:
+                break
             if event.kind != "position":
                 loop.offer(event)
-            elif not (event.reason or event.resolved) and kalman.time <= event.time <= end:
+            elif not (event.reason or event.resolved) and kalman.time <= event.time:
                 loop.advance(event.time)
                 used.append(event)
                 seen.append(_innovation(kalman, event, lever_b))

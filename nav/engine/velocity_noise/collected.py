@@ -15,7 +15,7 @@ from ....filters.rotation import FloatArray
 from ....velocity.range_rate import doppler_rows
 from ..doppler_update import rows_measurement
 from ..events import GnssEvent, doppler_noise
-from ..legs import Course
+from ..legs import FITTED_TO, Course
 from ..loop import Diverged, FilterLoop
 from ..start.state import Start, start_filter
 from ..watch.sanity import Lost
@@ -64,6 +64,8 @@ class Epoch:
 def collected(course: Course, start: Start) -> list[Epoch]:
     """Return the innovations of what was offered, to where the filter is lost or the data end.
 
+    Of a recording of many hours those of the first (`legs.FITTED_TO`).
+
     Parameters
     ----------
     course : Course
@@ -80,14 +82,16 @@ def collected(course: Course, start: Start) -> list[Epoch]:
     kalman = start_filter(start, course.stream, course.calibration, model, config.filter)
     loop = FilterLoop(kalman, course.calibration, course.vehicle, config, deque(course.spells))
     out: list[Epoch] = []
-    before = kalman.time
-    apart = (course.stream.end - kalman.time) / _ENOUGH if raw else 0.0
+    before, end = kalman.time, min(course.stream.end, kalman.time + FITTED_TO)
+    apart = (end - kalman.time) / _ENOUGH if raw else 0.0
     try:
         for event in course.events:
+            if event.time > end:
+                break
             if raw and (event.kind == "position" or event.time < before + apart - 1e-3):
                 continue
             wanted = event.kind != "position" and not event.reason
-            if not wanted or not kalman.time <= event.time <= course.stream.end:
+            if not wanted or not kalman.time <= event.time:
                 loop.offer(event)
                 continue
             loop.advance(event.time)

@@ -13,7 +13,7 @@ from ....filters.rotation import FloatArray
 from ...config import GnssConfig
 from ...notes import Note, plain
 from ..events import doppler_noise
-from ..legs import Course, found_start
+from ..legs import Course, fitted_part, found_start
 from ..start.state import Start
 from .collected import collected
 from .estimate import lasts, range_rate_noise, velocity_scale
@@ -120,7 +120,8 @@ def _raw(course: Course, start: Start) -> tuple[VelocityErrors | None, tuple[Not
     if ratio > _LARGEST:
         return None, (_doubtful(ratio),)
     found = (after.doppler_sigma_mps, after.doppler_floor_mps, after.clock_walk_mps)
-    said = plain([_said(after, ratio, sum(e.z.size for e in epochs))])
+    count = f"{sum(e.z.size for e in epochs)} range rates{fitted_part(course, start)}"
+    said = plain([_said(after, ratio, count)])
     return VelocityErrors(doppler=found), said
 
 
@@ -161,7 +162,7 @@ def _carried(course: Course, start: Start) -> tuple[VelocityErrors | None, tuple
     text = f"noise of velocities: {scale:.2g} times the declared σ"
     if successive > _LASTING and factor > scale:
         text += f", {successive:.2g} successive ones count as one: {factor:.2g} times in the filter"
-    text += f" (fitted to {len(epochs)} velocities)"
+    text += f" (fitted to {len(epochs)} velocities{fitted_part(course, start)})"
     return VelocityErrors(factor=factor), plain([text])
 
 
@@ -188,10 +189,10 @@ def _doubtful(ratio: float) -> Note:
     )
 
 
-def _said(gnss: GnssConfig, ratio: float, count: int) -> str:
+def _said(gnss: GnssConfig, ratio: float, data: str) -> str:
     sigma = doppler_noise(gnss).sigma([35.0, 45.0])
     return (
         f"noise of Doppler: {sigma[0]:.2g} m/s at 35 dB-Hz, {sigma[1]:.2g} at 45, {ratio:.2g} "
         f"times the declared; the receiver's clock walks by {gnss.clock_walk_mps:.2g} m/s/√s "
-        f"(fitted to {count} range rates)"
+        f"(fitted to {data})"
     )

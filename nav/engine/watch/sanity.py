@@ -83,11 +83,11 @@ class Sanity:
             )
 
     def _impossible(self, kalman: ErrorStateFilter) -> str:
-        radius = float(np.linalg.norm(kalman.pos_e))
+        radius = float(np.sqrt(kalman.pos_e @ kalman.pos_e))
         if not LOWEST_RADIUS < radius < HIGHEST_RADIUS:
             return f"{(radius - 6_371_000.0) / 1000.0:.0f} km above the Earth's mean radius"
-        sigma = float(np.sqrt(np.diag(kalman.P)[VEL].max()))
-        speed = float(np.linalg.norm(kalman.vel_e))
+        sigma = float(np.sqrt(max(kalman.P.diagonal()[VEL].tolist())))
+        speed = float(np.sqrt(kalman.vel_e @ kalman.vel_e))
         if speed > self.limits.speed + 3.0 * sigma:
             return f"at {speed:.0f} m/s (limit {self.limits.speed:.0f})"
         climb = abs(float(kalman.vel_e @ kalman.pos_e)) / radius
