@@ -17,8 +17,9 @@ SMOKE := tests/test_readme.py tests/test_examples.py tests/packaging tests/filte
 demo: setup            ## simulate a city drive in the GREAT layout, navigate it, write the report
 	$(BIN)/certnav demo
 
-test: lint types       ## lint, types, tests; another Python: make test PYTHON=python3.13
+test: lint types       ## lint, types, tests, each benchmark once; another Python: make test PYTHON=python3.13
 	$(BIN)/pytest -n auto
+	$(BIN)/pytest -q --benchmark-disable benchmarks
 
 smoke: types           ## types, and a minute of tests that use every library
 	$(BIN)/pytest -n auto $(SMOKE)

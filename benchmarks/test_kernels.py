@@ -1,7 +1,8 @@
-"""Times of what is compiled: ``pip install -e '.[bench]' && pytest benchmarks``.
+"""Times of what the filter does at a sample, at a measurement and at an epoch: ``pytest benchmarks``.
 
-Not collected with the tests: a time is no property of the code alone. `test_passes.py` times
-passes over a whole recording, `scripts/benchmark.py` whole runs, and the peers.
+Not collected with the tests: a time is no property of the code alone; CI runs each once with
+``--benchmark-disable``. `test_passes.py` times passes over a whole recording,
+`scripts/benchmark.py` whole runs and the peers, `scripts/profile_commands.py` stages of commands.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ pytest.importorskip("pytest_benchmark")
 from certnav.alignment.problem import build_problem
 from certnav.alignment.reference.simulation import simulate_window
 from certnav.alignment.solver.fast_solver import fast_minimum
+from certnav.alignment.velocity_matching import heading_offset
 from certnav.datasets.text.numbers import read_numbers
 from certnav.filters import measurements
 from certnav.filters.ekf import ErrorStateFilter
@@ -24,6 +26,7 @@ from certnav.filters.measurement_update import compiled, with_filterpy
 from certnav.filters.sensors import imu_preset
 from certnav.filters.strapdown import InertialStream, NavState
 from certnav.nav.results.text import row_blocks
+from certnav.velocity.range_rate import line_of_sight
 
 SAMPLES, RATE = 20_000, 200.0
 
@@ -58,6 +61,23 @@ def test_measurement_update(benchmark, update):
     kalman = new_filter(15)
     m = measurements.position(kalman.state, 15, kalman.pos_e + 1.0, np.eye(3), [0.5, 0.0, -1.0])
     benchmark(update, kalman.P, m)
+
+
+def test_lines_of_sight_of_an_epoch(benchmark):
+    """Twelve satellites, as every pass over the data asks at every epoch."""
+    rng = np.random.default_rng(7)
+    sat_pos_e = 2.6e7 * rng.standard_normal((12, 3)) / 3**0.5
+    sight = benchmark(line_of_sight, [6378137.0, 0.0, 0.0], sat_pos_e, np.zeros((12, 3)))
+    np.testing.assert_allclose(np.linalg.norm(sight.e_e, axis=1), 1.0, atol=1e-12)
+
+
+def test_heading_from_velocities(benchmark):
+    """Half a minute at 1 Hz, as the watch over the heading asks every 2.5 s."""
+    time = np.arange(30.0)
+    vel_n = 10.0 * np.column_stack([np.cos(0.1 * time), np.sin(0.1 * time)])
+    felt_n, C_nb = vel_n - vel_n[0], np.broadcast_to(np.eye(3), (30, 3, 3))
+    found = benchmark(heading_offset, time, vel_n, np.full(30, 0.05), felt_n, C_nb)
+    assert abs(found.offset) < 1e-3
 
 
 def test_certified_solve(benchmark):

@@ -1,4 +1,4 @@
-"""Times of passes over a whole recording: ``pip install -e '.[bench]' && pytest benchmarks``."""
+"""Times of passes over a whole recording: ``pytest benchmarks``; CI runs each once, untimed."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from certnav.datasets.loading import load
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.datasets.text.imu import read_imu_table
 from certnav.nav.check.recording import check_sequence
-from certnav.velocity.forward_motion import ForwardMotion
 from certnav.velocity.range_rate import DopplerRows
 from certnav.velocity.screening import Screening, screen
 from certnav.velocity.study.pairs import all_pairs, velocity_errors
 from certnav.velocity.study.statistics import binned_rms, heat_map, rejection
+from certnav.velocity.vehicle_motion import ForwardMotion
 
 
 def test_reading_imu_text(benchmark, tmp_path: Path):

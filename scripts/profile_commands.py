@@ -33,7 +33,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is importe
 STAGES = {
     "read": [("nav.commands.navigation", "load"), ("datasets.loading", "load")],
     "check": [
-        ("nav.commands.navigation", "_checked"), ("nav.commands.navigation", "with_coarse_mounting"),
+        ("nav.commands.navigation", "_checked"),
+        ("nav.commands.navigation", "with_coarse_mounting"),
         ("nav.check.recording", "check_sequence"),
     ],
     "GNSS": [("nav.pipeline", "gnss_timeline"), ("nav.engine.prepared", "gnss_timeline")],
