@@ -1,4 +1,4 @@
-"""Times of what the filter does at a sample, at a measurement and at an epoch: ``pytest benchmarks``.
+"""Times of what the filter does at a sample, a measurement and an epoch: ``pytest benchmarks``.
 
 Not collected with the tests: a time is no property of the code alone; CI runs each once with
 ``--benchmark-disable``. `test_passes.py` times passes over a whole recording,

@@ -20,6 +20,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -60,11 +61,15 @@ COLUMNS = (*FOUND, *STAGES, "other", "all", "MB")
 
 
 class Stopwatch:
-    """Processor time by stages: a stage does not count while one within it runs."""
+    """Processor time by stages: a stage does not count while one within it runs.
+
+    So with the growth of the peak of memory: it is of the stage in which it happened.
+    """
 
     def __init__(self) -> None:
         self.spent = dict.fromkeys((*FOUND, *STAGES, "other"), 0.0)
-        self._stack, self._since = ["other"], 0.0
+        self.grown = dict.fromkeys(self.spent, 0.0)
+        self._stack, self._since, self._peak = ["other"], 0.0, 0.0
 
     def enter(self, stage: str) -> None:
         """Begin a stage."""
@@ -80,6 +85,9 @@ class Stopwatch:
         now = time.process_time()
         self.spent[self._stack[-1]] += now - self._since
         self._since = now
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        self.grown[self._stack[-1]] += peak - self._peak
+        self._peak = peak
 
     def timed(self, stage: str, function: Callable) -> Callable:
         """Return the function as a stage; of a generator, what its steps take."""
@@ -141,7 +149,8 @@ def stages(out: Path, command: list[str]) -> int:
     _watch_kernels(watch)
     status = cli.main(command)
     watch.enter("other")
-    figures = {name: round(spent, 3) for name, spent in watch.spent.items()}
+    figures: dict = {name: round(spent, 3) for name, spent in watch.spent.items()}
+    figures["grown_MB"] = {name: round(grown, 1) for name, grown in watch.grown.items() if grown}
     out.write_text(json.dumps(figures), encoding="utf-8")
     return status
 
@@ -165,7 +174,7 @@ def _watch_kernels(watch: Stopwatch) -> None:
     caching.Cache.load_overload = watch.timed("kernels", load)
 
 
-def measured(command: list[str], folder: Path, cache: Path | None = None) -> dict[str, float]:
+def measured(command: list[str], folder: Path, cache: Path | None = None) -> dict:
     """Run a command in a process of its own; return its stages and peak memory [s], [MB]."""
     out, environment = folder / "stages.json", dict(os.environ)
     out.unlink(missing_ok=True)

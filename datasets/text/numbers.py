@@ -11,6 +11,7 @@ point numbers accurately"). The few others are left to Python's `float`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,8 @@ from ...filters.rotation import FloatArray
 
 _POWER = 10.0 ** np.arange(23)
 _EXACT = np.int64(2) ** 53
+#: What is read at a time [bytes].
+_PIECE = 1 << 25
 
 
 def read_numbers(
@@ -39,21 +42,39 @@ def read_numbers(
     if not COMPILED:
         return None
     try:
-        text = np.fromfile(path, dtype=np.uint8)
+        most = sum(int(_count_lines(text)) for text in _pieces(path))
+        values, line = np.empty((most, columns)), np.empty(most, dtype=np.int64)
+        rows, above = 0, 0
+        for text in _pieces(path):
+            lines = int(_count_lines(text))
+            hard = np.empty((lines * columns, 3), dtype=np.int64)
+            part = values[rows : rows + lines]
+            more, left = _parse(text, exact, part, line[rows:], hard, _POWER)
+            if more < 0:
+                return None
+            for cell, begin, end in hard[:left]:
+                part.flat[cell] = float(text[begin:end].tobytes())
+            line[rows : rows + more] += above
+            rows, above = rows + more, above + lines - 1  # the last line of a piece is empty
     except OSError:
         return None
-    if not text.size:
-        return None
-    rows = int(_count_lines(text))
-    values, line = np.empty((rows, columns)), np.empty(rows, dtype=np.int64)
-    hard = np.empty((rows * columns, 3), dtype=np.int64)
-    rows, left = _parse(text, exact, values, line, hard, _POWER)
-    if rows < 1:
-        return None
-    for cell, begin, end in hard[:left]:
-        values.flat[cell] = float(text[begin:end].tobytes())
     values, line = values[:rows], line[:rows]
-    return (values, line) if np.isfinite(values).all() else None
+    return (values, line) if rows and np.isfinite(values).all() else None
+
+
+def _pieces(path: Path) -> Iterator[NDArray[np.uint8]]:
+    """Yield a file in pieces that end with a line: of a day of data it is the larger half."""
+    with path.open("rb") as file:
+        rest = b""
+        while block := file.read(_PIECE):
+            end = block.rfind(b"\n") + 1
+            if end:
+                yield np.frombuffer(rest + block[:end], dtype=np.uint8)
+                rest = block[end:]
+            else:
+                rest += block
+        if rest:
+            yield np.frombuffer(rest, dtype=np.uint8)
 
 
 @njit(cache=True, nogil=True)

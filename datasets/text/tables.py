@@ -175,7 +175,7 @@ def read_table(
     path = Path(path)
     if numeric is None and not text and separator is None and lines is None:
         plain = read_numbers(path, len(columns), exact)
-        if plain is not None and (np.abs(plain[0]) <= LARGEST).all():
+        if plain is not None and max(plain[0].max(), -plain[0].min()) <= LARGEST:
             return Table(path, plain[0], (), plain[1], ())
     numeric = range(len(columns)) if numeric is None else numeric
     lines = read_lines(path) if lines is None else lines

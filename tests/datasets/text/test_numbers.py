@@ -5,6 +5,7 @@ import sys
 import numpy as np
 import pytest
 
+from certnav.datasets.text import numbers
 from certnav.datasets.text.numbers import read_numbers
 from certnav.datasets.text.tables import read_table
 from certnav.filters.errors import DataError
@@ -79,3 +80,21 @@ def test_both_ways_of_reading_agree(tmp_path):
     np.testing.assert_allclose(plain.values, headed.values, rtol=4 * sys.float_info.epsilon)
     np.testing.assert_array_equal(plain.line + 1, headed.line)
     assert plain.skipped == () and headed.skipped == (1,)
+
+
+@pytest.mark.parametrize("piece", [1, 7, 64, 1000])
+@pytest.mark.parametrize("end", ["", "\n", "\n\n"])
+def test_a_file_in_pieces_is_the_file(tmp_path, monkeypatch, piece, end):
+    rng = np.random.default_rng(4)
+    lines = [" ".join(f"{x:.17g}" for x in row) for row in rng.standard_normal((40, 3))]
+    lines[7:7] = ["", "  "]
+    file = tmp_path / "table.txt"
+    file.write_text("\n".join(lines) + end)
+    whole = read_numbers(file, 3, True)
+    monkeypatch.setattr(numbers, "_PIECE", piece)
+    values, line = read_numbers(file, 3, True)
+    np.testing.assert_array_equal(values, whole[0])
+    np.testing.assert_array_equal(line, whole[1])
+    assert line[7] == 10 and values[39].tolist() == [float(x) for x in lines[41].split()]
+    file.write_text("\n".join([*lines, "1 2"]))
+    assert read_numbers(file, 3, True) is None
