@@ -13,14 +13,18 @@ from certnav.filters.error_model import ErrorModel
 from certnav.filters.strapdown import InertialStream, NavState
 from certnav.nav.config import Config
 from certnav.nav.config_files import from_tables
+from certnav.nav.engine import legs
 from certnav.nav.engine.events import GnssEvent
+from certnav.nav.engine.fix_noise import loose
 from certnav.nav.engine.fix_noise.estimate import STEADY
 from certnav.nav.engine.fix_noise.fitted import with_noise
 from certnav.nav.engine.fix_noise.loose import loose_pass
 from certnav.nav.engine.gnss import gnss_timeline
-from certnav.nav.engine.legs import Course, found_start
+from certnav.nav.engine.legs import Course, fitted_part, found_start
 from certnav.nav.engine.start.state import Start
 from certnav.nav.engine.vehicle import VehicleConstraints
+from certnav.nav.engine.velocity_noise import collected as velocities
+from certnav.nav.engine.velocity_noise.collected import collected
 from certnav.nav.solution import FixErrors
 from oracles import rigs
 
@@ -68,6 +72,22 @@ def test_innovations_are_the_errors_of_the_positions(drive):
     np.testing.assert_allclose(found.declared_n, 4.0 + 0.02**2, rtol=1e-6)
     assert (found.filter_n > 4.0).all()  # nothing tells it where it is
     np.testing.assert_array_equal(found.kept, 1.0)
+
+
+def test_of_many_hours_the_first_are_what_noise_is_fitted_to(drive, monkeypatch):
+    course = course_of(drive[0])
+    start = found_start(course, course.events)
+    whole, epochs = loose_pass(course, start)[1], collected(course, start)
+    assert fitted_part(course, start) == ""
+    for module in (legs, loose, velocities):
+        monkeypatch.setattr(module, "FITTED_TO", 18.0)
+    part, first = loose_pass(course, start)[1], collected(course, start)
+    end = start.state.time + 18.0
+    assert 10 < len(part) == int(np.sum(whole.time <= end)) < len(whole)
+    np.testing.assert_array_equal(part.value_n, whole.value_n[: len(part)])
+    assert [e.time for e in first] == [e.time for e in epochs if e.time <= end]
+    assert 10 < len(first) < len(epochs)
+    assert fitted_part(course, start) == " of the first 0.005 h"
 
 
 def test_the_start_gets_the_noise_of_its_position():
