@@ -15,7 +15,7 @@
     levers               points beside the IMU: their velocity; mounting and wheel point
     standstill           when a vehicle stands
     ekf                  the filter: propagate, test, update
-    measurement_update   the update itself, compiled and by filterpy
+    measurement_update   the test before it, and the update itself, compiled and by filterpy
     smoother             the same, from the end backwards
     fault_exclusion      the largest set of equations that agree
     compiled/            their inner loops, compiled
@@ -32,9 +32,10 @@ from ..lazy import names
 
 if TYPE_CHECKING:
     from .earth import C_en_of, ecef_to_lla, gravity_e, lla_to_ecef
-    from .ekf import ErrorStateFilter, Outcome
+    from .ekf import ErrorStateFilter
     from .error_model import ErrorModel
     from .errors import AlignmentError, ConfigError, DataError, NavError
+    from .measurement_update import Outcome
     from .measurements import Measurement
     from .rotation import matrix_from_rpy, rpy_from_matrix
     from .sensors import ImuSpec, imu_preset
@@ -43,7 +44,8 @@ if TYPE_CHECKING:
 
 #: Public names by the module that each is imported from when it is first asked for.
 _PUBLIC = {
-    "ekf": ("ErrorStateFilter", "Outcome"),
+    "ekf": ("ErrorStateFilter",),
+    "measurement_update": ("Outcome",),
     "error_model": ("ErrorModel",),
     "measurements": ("Measurement",),
     "strapdown": ("InertialStream", "NavState", "integrate"),

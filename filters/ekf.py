@@ -7,8 +7,6 @@ which it is tested against; filterpy has no innovation test, so that is made her
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -22,42 +20,19 @@ from .error_model import ACCEL_BIAS, ATT, GYRO_BIAS, POS, VEL, ErrorModel
 from .errors import DataError
 from .gnss_states import GnssStates
 from .levers import AntennaPoint, AntennaStates, VehicleStates, rate_over_earth
-from .measurement_update import Update, compiled, innovation, turned, with_filterpy
+from .measurement_update import (
+    Outcome,
+    Update,
+    compiled,
+    gate_limit,
+    innovation,
+    turned,
+    with_filterpy,
+)
 from .measurements import Measurement
 from .rotation import FloatArray, crossed
 from .smoother import Tape
 from .strapdown import InertialStream, NavState
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What became of one measurement.
-
-    Parameters
-    ----------
-    accepted : bool
-    whitened : ndarray, shape (m,)
-        L⁻¹z with LLᵀ = S = HPHᵀ + R.
-    nis : float
-        Normalised innovation squared, zᵀS⁻¹z.
-    limit : float
-        The gate that `nis` was held against.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from certnav.filters import Outcome
-    >>> z, S = np.array([2.0, 0.0, 0.0]), 4.0 * np.eye(3)
-    >>> whitened = np.linalg.solve(np.linalg.cholesky(S), z)
-    >>> outcome = Outcome(True, whitened, float(whitened @ whitened), limit=16.3)
-    >>> outcome.nis  # one σ off in one of three axes
-    1.0
-    """
-
-    accepted: bool
-    whitened: FloatArray
-    nis: float
-    limit: float
 
 
 class Follower(Protocol):
@@ -76,14 +51,6 @@ _STEADY = 0.5
 _LOOK_BACK = 2.0
 #: Position [m], velocity [m/s] and attitude [rad] errors beyond which enlarging P is pointless.
 _LOST = np.repeat([1000.0, 30.0, 1.0], 3)
-
-
-@lru_cache(maxsize=64)
-def gate_limit(dof: int, probability: float) -> float:
-    """Return the χ² value that a correct innovation of `dof` exceeds with `probability`."""
-    from scipy.special import chdtri
-
-    return float(chdtri(dof, probability)) if probability > 0.0 else float("inf")
 
 
 class ErrorStateFilter:

@@ -9,6 +9,8 @@ The tests hold one against the other; `filters.ekf.ErrorStateFilter` can be told
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -19,6 +21,45 @@ from .rotation import FloatArray
 
 #: Takes a covariance and a measurement; returns the error state and its covariance.
 Update = Callable[[FloatArray, Measurement], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What became of one measurement.
+
+    Parameters
+    ----------
+    accepted : bool
+    whitened : ndarray, shape (m,)
+        L⁻¹z with LLᵀ = S = HPHᵀ + R.
+    nis : float
+        Normalised innovation squared, zᵀS⁻¹z.
+    limit : float
+        The gate that `nis` was held against.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certnav.filters import Outcome
+    >>> z, S = np.array([2.0, 0.0, 0.0]), 4.0 * np.eye(3)
+    >>> whitened = np.linalg.solve(np.linalg.cholesky(S), z)
+    >>> outcome = Outcome(True, whitened, float(whitened @ whitened), limit=16.3)
+    >>> outcome.nis  # one σ off in one of three axes
+    1.0
+    """
+
+    accepted: bool
+    whitened: FloatArray
+    nis: float
+    limit: float
+
+
+@lru_cache(maxsize=64)
+def gate_limit(dof: int, probability: float) -> float:
+    """Return the χ² value that a correct innovation of `dof` exceeds with `probability`."""
+    from scipy.special import chdtri
+
+    return float(chdtri(dof, probability)) if probability > 0.0 else float("inf")
 
 
 def innovation(P: FloatArray, measurement: Measurement) -> tuple[FloatArray, float]:

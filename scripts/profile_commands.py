@@ -32,10 +32,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is importe
 
 #: Where a stage begins: what is called there, and in which module it is looked up.
 STAGES = {
-    "read": [("nav.commands.navigation", "load"), ("datasets.loading", "load")],
+    "read": [("nav.commands.flow.navigation", "load"), ("datasets.loading", "load")],
     "check": [
-        ("nav.commands.navigation", "_checked"),
-        ("nav.commands.navigation", "with_coarse_mounting"),
+        ("nav.commands.flow.navigation", "_checked"),
+        ("nav.commands.flow.navigation", "with_coarse_mounting"),
         ("nav.check.recording", "check_sequence"),
     ],
     "GNSS": [("nav.pipeline", "gnss_timeline"), ("nav.engine.prepared", "gnss_timeline")],
@@ -48,8 +48,11 @@ STAGES = {
         ("nav.engine.prepared", "with_fitted_velocities"),
         ("nav.engine.prepared", "with_fitted_noise"),
     ],
-    "filter": [("nav.commands.navigation", "navigate"), ("nav.pipeline", "legs")],
-    "write": [("nav.commands.navigation", "judged"), ("nav.commands.navigation", "write_result")],
+    "filter": [("nav.commands.flow.navigation", "navigate"), ("nav.pipeline", "legs")],
+    "write": [
+        ("nav.commands.flow.navigation", "judged"),
+        ("nav.commands.flow.navigation", "write_result"),
+    ],
     "report": [("nav.report", "write_report")],
 }  # fmt: skip
 #: Stages that are found by other means, before and after those.
@@ -140,7 +143,7 @@ def stages(out: Path, command: list[str]) -> int:
     for stage, places in STAGES.items():
         for module, name in places:
             # What the command does not import is not to be imported for the stopwatch's sake.
-            if module == ("nav.engine.prepared" if alone else "nav.commands.navigation"):
+            if module == ("nav.engine.prepared" if alone else "nav.commands.flow.navigation"):
                 continue
             if module == "nav.report" and not (alone and set(command).isdisjoint(_PAGELESS)):
                 continue

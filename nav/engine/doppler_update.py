@@ -16,7 +16,8 @@ import numpy as np
 
 from ...datasets.sequence import Calibration
 from ...filters import constraints, measurements
-from ...filters.ekf import ErrorStateFilter, Outcome
+from ...filters.ekf import ErrorStateFilter
+from ...filters.measurement_update import Outcome
 from ...filters.measurements import Measurement
 from ...velocity.ddia import ddia_velocity
 from ...velocity.range_rate import DopplerRows, doppler_rows

@@ -9,7 +9,8 @@ import numpy as np
 from ...datasets.fix_faults import SAME, least_motion
 from ...datasets.sequence import Calibration
 from ...filters import measurements
-from ...filters.ekf import ErrorStateFilter, Outcome
+from ...filters.ekf import ErrorStateFilter
+from ...filters.measurement_update import Outcome
 from ...filters.measurements import Measurement
 from ...filters.rotation import FloatArray
 from ..config import FilterConfig

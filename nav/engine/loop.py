@@ -15,8 +15,9 @@ import numpy as np
 
 from ...datasets.fix_faults import HELD
 from ...datasets.sequence import Calibration
-from ...filters.ekf import ErrorStateFilter, Outcome
+from ...filters.ekf import ErrorStateFilter
 from ...filters.errors import DataError
+from ...filters.measurement_update import Outcome
 from ...filters.measurements import Measurement
 from ..config import Config
 from ..solution import UPDATE_KINDS, Update

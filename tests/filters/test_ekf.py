@@ -12,9 +12,10 @@ from certnav.datasets.simulation.sensors import fixes_from_truth, imu_measuremen
 from certnav.filters import measurements
 from certnav.filters.compiled import rows as layout
 from certnav.filters.earth import C_en_of
-from certnav.filters.ekf import ErrorStateFilter, gate_limit
+from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import ErrorModel
 from certnav.filters.errors import DataError
+from certnav.filters.measurement_update import gate_limit
 from certnav.filters.rotation import matrix_from_rotvec
 from certnav.filters.sensors import imu_preset
 from certnav.filters.strapdown import InertialStream, NavState

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from ....filters.ekf import gate_limit
+from ....filters.measurement_update import gate_limit
 from ....filters.rotation import FloatArray
 from ...notes import Note, clock
 from ...solution import Update
