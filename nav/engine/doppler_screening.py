@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from ...datasets.sequence import Calibration
 from ...filters import measurements
-from ...filters.ekf import ErrorStateFilter, gate_limit
+from ...filters.ekf import ErrorStateFilter
 from ...filters.gnss_states import CLOCK_DRIFT_SIGMA
+from ...filters.measurement_update import gate_limit
 from ...filters.rotation import FloatArray
 from ...velocity.aided_screening import agreeing
 from ...velocity.range_rate import DopplerRows
