@@ -337,7 +337,7 @@ class ErrorStateFilter:
             if z @ np.linalg.solve(factor * S + measurement.R, z) <= z.size:
                 break
             factor = min(1.2 * factor, limit)
-        self.reconsider(self.P * factor)
+        self.reconsider(self.gnss.as_known(self.P, self.P * factor))
         return factor
 
     def doubt(self, measurement: Measurement, limit: float = 1e4) -> float:
@@ -365,7 +365,8 @@ class ErrorStateFilter:
             factor = min(1.2 * factor, limit)
         if factor > 1.0:
             more = PHt @ np.linalg.pinv(seen, rcond=1e-10, hermitian=True) @ PHt.T
-            self.reconsider(self.P + (factor - 1.0) * 0.5 * (more + more.T))
+            more = self.P + (factor - 1.0) * 0.5 * (more + more.T)
+            self.reconsider(self.gnss.as_known(self.P, more))
         return factor
 
     def _feed_back(self, x: FloatArray) -> None:

@@ -82,6 +82,20 @@ class GnssStates:
             P[clock, clock] = CLOCK_DRIFT_SIGMA**2
         return P, phi
 
+    def as_known(self, before: FloatArray, P: FloatArray) -> FloatArray:
+        """Return P, enlarged for doubt, with the errors of fixes as well known as before.
+
+        It is the solution that is doubted: a lasting error of positions that grew with it would
+        take in whatever the solution is off by, and keep it for as long as it lasts.
+        """
+        bias = self.model.fix_bias
+        if bias is None:
+            return P
+        scale = np.ones(len(P))
+        was, now = np.diag(before)[bias], np.diag(P)[bias]
+        scale[bias] = np.sqrt(np.divide(was, now, out=np.ones(len(now)), where=now > was))
+        return np.asarray(P * scale[:, None] * scale)
+
     def feed_back(self, x: FloatArray) -> None:
         """Add the estimated errors, ordered as in the error model."""
         if self.model.clock is not None:

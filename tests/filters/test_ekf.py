@@ -290,6 +290,25 @@ def test_enlarging_has_its_limits():
     np.testing.assert_array_equal(calm.P, P)
 
 
+@pytest.mark.parametrize("way", ["enlarge", "doubt"])
+def test_a_doubted_filter_knows_the_errors_of_fixes_as_before(way):
+    """Or they take in what the solution is off by. They stay correlated as they were."""
+    model = ErrorModel(imu_preset("adis16470"), fix_correlation=1000.0)
+    root = np.random.default_rng(5).normal(size=(model.size, model.size))
+    P = 1e-3 * root @ root.T / model.size
+    kalman = standing(model, P)
+    m = position_off_by(kalman, 60.0)
+    wider = np.hstack([m.H, np.zeros((3, model.size - m.H.shape[1]))])
+    getattr(kalman, way)(dataclasses.replace(m, H=wider))
+    bias, sigma = model.fix_bias, np.sqrt(np.diag(kalman.P))
+    assert (np.diag(kalman.P)[bias] <= np.diag(P)[bias] * (1.0 + 1e-12)).all()
+    assert kalman.P[0, 0] > 2.0 * P[0, 0]
+    np.linalg.cholesky(kalman.P)
+    if way == "enlarge":
+        was = np.sqrt(np.diag(P))
+        np.testing.assert_allclose(kalman.P / np.outer(sigma, sigma), P / np.outer(was, was))
+
+
 def test_doubting_stops_where_the_innovation_is_what_is_expected_of_it():
     """What H sees grows by the factor, what is correlated with it along, and nothing else."""
     P = np.eye(15) + 0.3
