@@ -15,7 +15,7 @@
     spells/                     spells of weak GNSS: when, what is left, the drift in them
     results/                    the result directory
     page/ report/               what all pages share; the page of a run
-    check/ compare/             recordings against physics; methods side by side
+    check/ drafting/ compare/   recordings against physics; declarations; methods side by side
     study/ tune/                the DDIA-VE paper of any drive; settings from data
     windows/                    alignment windows of a recording
     commands/                   the command line
