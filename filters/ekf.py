@@ -199,15 +199,17 @@ class ErrorStateFilter:
             self._advance(until)
             return
         # Every output epoch is a node of the smoother, so the intervals end there too.
-        last = self.stream.edges[np.searchsorted(self.stream.edges, until + 1e-9) - 1]
-        while self._cursor[1] <= last + 1e-9:
-            # Where every sample is recorded, that is the next one, whatever the cursor says.
-            due = max(self._cursor[1] - 1e-9, self.time + 1e-9)
-            at = int(np.searchsorted(self.stream.edges, due))
-            if at >= self.stream.edges.size or self.stream.edges[at] > until + 1e-9:
+        last = self.stream.edges[np.searchsorted(self.stream.edges, until, side="right") - 1]
+        while self._cursor[1] <= last + 1e-6:  # GPS time in doubles is known to 2e-7
+            edges = self.stream.edges
+            if self._period > 0.0:
+                at = int(np.searchsorted(edges, self._cursor[1] - 1e-6))
+            else:  # every sample: the next one, whatever the cursor says
+                at = int(np.searchsorted(edges, self.time, side="right"))
+            if at >= edges.size or edges[at] > until + 1e-9:
                 break
             rows = int(self._cursor[0])
-            self._advance(float(self.stream.edges[at]))
+            self._advance(float(edges[at]))
             if int(self._cursor[0]) > rows:
                 self.tape.row(self._rows[rows])
         self._advance(until)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from certnav.datasets import placing
 from certnav.datasets.great import writer
 from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.nav.commands import compare as compare_command
-from certnav.nav.commands import navigation
 from certnav.nav.compare import comparison
 from certnav.nav.compare import report as compare_report
 from certnav.nav.compare.runs import Comparison, Run
@@ -42,8 +40,6 @@ def compare(monkeypatch):
         return Comparison((Run("lc4", "drive", "@0", reason="not tried"),), {}, "60/180")
 
     monkeypatch.setattr(comparison, "compare", compared)
-    undated = SimpleNamespace(time_scale="relative")
-    monkeypatch.setattr(navigation, "checked_load", lambda *_, **__: undated)
     parser = argparse.ArgumentParser()
     compare_command.add_arguments(parser)
     return lambda out: compare_command.run(parser.parse_args(["drive", "--out", str(out)]))
@@ -104,7 +100,9 @@ def test_a_failure_leaves_the_earlier_directory_whole(
     assert [path.name for path in tmp_path.iterdir()] == [command]
 
 
-@pytest.mark.parametrize("command", ["allan", "declare", "align", "navigation", "verify", "tune"])
+@pytest.mark.parametrize(
+    "command", ["allan", "declare", "align", "flow/navigation", "verify", "tune"]
+)
 def test_no_command_writes_a_file_piece_by_piece(command):
     """Killed on the way, it would leave half of it: files go through `placing.write_file`."""
     source = (Path(directory.__file__).parents[1] / "commands" / f"{command}.py").read_text()

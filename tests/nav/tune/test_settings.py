@@ -82,7 +82,7 @@ def test_errors_are_those_of_whole_runs(drive, found):
 def test_what_hurts_is_seen_to_hurt_and_the_default_stays(found):
     """Without Doppler below four, spells of two or three satellites drift by far more."""
     off = found.change_in(2, "weak GNSS")
-    assert off.value > 0.3
+    assert off.value > 0.2
     assert found.held[2] < 0.5 * found.held[0]
     groups = [dataclasses.replace(g, square=g.square[[0, 2]]) for g in found.groups]
     changes = [of_candidate(groups, k) for k in range(2)]
