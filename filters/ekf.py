@@ -199,21 +199,18 @@ class ErrorStateFilter:
             self._advance(until)
             return
         # Every output epoch is a node of the smoother, so the intervals end there too.
-        last = self.stream.edges[np.searchsorted(self.stream.edges, until, side="right") - 1]
+        edges = self.stream.edges
+        last = edges[np.searchsorted(edges, until, side="right") - 1]
         while self._cursor[1] <= last + 1e-9:
-            edges = self.stream.edges
-            if self._period > 0.0:
-                at = int(np.searchsorted(edges, self._cursor[1] - 1e-9))
-            else:  # every sample: the next one, whatever the cursor says
-                at = int(np.searchsorted(edges, self.time, side="right"))
+            # Where every sample is recorded, that is the next one, whatever the cursor says.
+            due = np.searchsorted(edges, self._cursor[1] - 1e-9)
+            at = int(max(due, np.searchsorted(edges, self.time, side="right")))
             if at >= edges.size or edges[at] > until + 1e-9:
                 break
-            rows, began = int(self._cursor[0]), self.time
+            rows = int(self._cursor[0])
             self._advance(float(edges[at]))
             if int(self._cursor[0]) > rows:
                 self.tape.row(self._rows[rows])
-            elif self.time <= began:
-                break
         self._advance(until)
 
     def ahead(self, until: float) -> tuple[NavState, FloatArray]:
