@@ -104,14 +104,14 @@ class HeadingMonitor:
             return
         if self._intervals and time - self._intervals[-1].time < _APART:
             return
+        lever_velocity_b = crossed(kalman.omega_b, self.lever_antenna_b)
         if len(agreed) >= 4 and not set(velocity.satellites) <= set(agreed):
-            theirs_e = kalman.vel_e + kalman.C_eb @ np.cross(kalman.omega_b, self.lever_antenna_b)
+            theirs_e = kalman.vel_e + kalman.C_eb @ lever_velocity_b
             if np.linalg.norm(vel_e - theirs_e) > _SIGMAS * velocity.sigma:
                 return
         self._gravity_e = gravity_e(kalman.pos_e)
         near = np.clip(kalman.bias[:6] - self._start_bias, -self._spread, self._spread)
         self._believed = self._start_bias + near
-        lever_velocity_b = crossed(kalman.omega_b, self.lever_antenna_b)
         self._intervals.append(
             _Interval(time, vel_e, velocity.sigma, lever_velocity_b, self._felt_b, self._turned)
         )
