@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from ...datasets.gpstime import to_calendar, to_week_sow
 from ...filters.rotation import FloatArray
 from ..notes import times_in
-from .pictures import INK
+from .palette import INK
 from .plots import Plots, look
 
 

@@ -23,7 +23,7 @@ from bokeh.models import CustomJS, HoverTool, Legend, LegendItem
 from bokeh.plotting import figure
 from bokeh.resources import Resources
 
-from .pictures import INK
+from .palette import INK
 
 _FONT = '"Source Sans 3", "Segoe UI", "Helvetica Neue", Helvetica, Arial, sans-serif'
 _GRID, _AXIS, _QUIET = "#E4E7EB", "#A7AEB8", "#5B6673"

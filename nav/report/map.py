@@ -21,7 +21,7 @@ from ...filters.rotation import FloatArray
 from ..evaluation.accuracy import standard_deviation
 from ..evaluation.interpolation import usable_at
 from ..page.board import Board
-from ..page.pictures import BLUE, INK, ORANGE, VERMILLION
+from ..page.palette import BLUE, INK, ORANGE, VERMILLION
 from ..page.plots import look
 from ..page.thinning import thin
 from ..results.directory import Result

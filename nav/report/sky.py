@@ -8,7 +8,7 @@ from bokeh.plotting import figure
 
 from ...filters.rotation import FloatArray
 from ..page.board import Board
-from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
+from ..page.palette import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
 from ..page.plots import look
 from ..page.thinning import thin
 from ..signals import UNUSED, Signals

@@ -13,7 +13,7 @@ from ...filters.rotation import FloatArray
 from ...filters.sensors import STANDARD_GRAVITY
 from ..evaluation.accuracy import rpy_covariance, standard_deviation
 from ..page.board import Board
-from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
+from ..page.palette import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
 from ..page.plots import look
 from ..page.thinning import pieces, runs, thin
 from ..results.directory import Result
