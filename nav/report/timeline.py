@@ -43,7 +43,9 @@ class Timeline:
         state = gnss_state(result)
         end = float(self.t[-1])
         self._outages = [
-            (colour, runs(self.t, state == code, end)) for code, colour in SHADES.items()
+            drawn
+            for code, colour in SHADES.items()
+            for drawn in board.shading(runs(self.t, state == code, end), colour)
         ]
         _, self.vel_n, self.rpy_deg = geodetic_and_ned(self.trajectory)
 
@@ -224,8 +226,7 @@ class Timeline:
     def panel(self, label: str, title: str = "", height: int = 190, **options: Any) -> figure:
         """Return an empty panel over time, shaded where GNSS fell short."""
         plot = self.board.panel(label, title, height, **options)
-        for colour, spans in self._outages:
-            self.board.shade(plot, spans, colour)
+        plot.renderers = [*self._outages]
         return plot
 
     def line(
