@@ -58,7 +58,7 @@ def shown(page) -> dict[str, float]:
 def ranges(page) -> list[list[float]]:
     """Return the time span of every panel over time."""
     return page.evaluate(
-        "() => [...Bokeh.documents[0]._all_models.values()].filter(m => m.type === 'Figure'"
+        "() => [...Bokeh.documents[0]._all_models.values()].filter(m => m.type === 'Plot'"
         " && m.x_range.name === 'time').map(m => [m.x_range.start, m.x_range.end])"
     )
 
@@ -164,7 +164,7 @@ def test_ten_seconds_are_drawn_with_all_their_epochs(opened, monkeypatch):
 
 
 _ORDINATE = (
-    "() => Math.min(...[...Bokeh.documents[0]._all_models.values()].filter(m => m.type === 'Figure'"
+    "() => Math.min(...[...Bokeh.documents[0]._all_models.values()].filter(m => m.type === 'Plot'"
     " && m.tags.includes('error')).map(m => m.y_range.end))"
 )
 
@@ -172,7 +172,7 @@ _ORDINATE = (
 def test_mouse_and_keyboard(opened):
     """A drag over a panel zooms; a doubt's button shows its span; a heading sorts its table."""
     page, _ = opened(duration=120.0)
-    plot = page.locator(".plot").nth(1).locator(".bk-Figure").first  # after the map
+    plot = page.locator(".plot").nth(1).locator(".bk-Plot").first  # after the map
     plot.scroll_into_view_if_needed()
     box = plot.bounding_box()
     page.mouse.move(box["x"] + 200, box["y"] + 90)
