@@ -220,24 +220,19 @@ class Sky:
 def _dilution(signals: Signals) -> tuple[FloatArray, FloatArray]:
     """Return the times of epochs of four satellites or more, and horizontal and vertical DOP."""
     known = signals.take(np.isfinite(signals.elevation) & np.isfinite(signals.azimuth))
-    _, one = np.unique(
-        np.char.add(np.char.mod("%.3f", known.time), known.sat), return_index=True
-    )  # one signal a satellite
-    known = known.take(np.sort(one))
     if not len(known):
         return np.zeros(0), np.zeros((0, 2))
-    times, first = np.unique(known.time, return_index=True)
-    found = []
-    for time, a, b in zip(times, first, np.r_[first[1:], len(known)], strict=True):
-        if b - a < 4:
-            continue
-        el, az = known.elevation[a:b], known.azimuth[a:b]
-        G = np.column_stack(
-            [np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el), np.ones(b - a)]
-        )
-        normal = G.T @ G
-        if np.linalg.cond(normal) < 1e9:
-            q = np.diag(np.linalg.inv(normal))
-            found.append((time, np.sqrt(q[0] + q[1]), np.sqrt(q[2])))
-    table = np.array(found).reshape(-1, 3)
-    return table[:, 0], table[:, 1:]
+    names, which = np.unique(known.sat, return_inverse=True)
+    milliseconds = np.rint(1e3 * known.time).astype(np.int64)
+    _, one = np.unique(milliseconds * names.size + which, return_index=True)  # signal a satellite
+    known = known.take(np.sort(one))
+    times, first, count = np.unique(known.time, return_index=True, return_counts=True)
+    el, az = known.elevation, known.azimuth
+    G = np.column_stack(
+        [np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el), np.ones(el.size)]
+    )
+    normal = np.add.reduceat(G[:, :, None] * G[:, None, :], first)
+    good = count >= 4
+    good[good] = np.linalg.cond(normal[good]) < 1e9
+    q = np.diagonal(np.linalg.inv(normal[good]), axis1=1, axis2=2)
+    return times[good], np.sqrt(np.column_stack([q[:, 0] + q[:, 1], q[:, 2]]))
