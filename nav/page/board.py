@@ -11,7 +11,7 @@ as well. What a reader zooms to is the selected span: ``page.js`` writes its fig
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -213,17 +213,17 @@ class Board(Plots):
         glyph = VArea(x="t", y1="low", y2="high", fill_color=colour, fill_alpha=0.3)
         self.draw(plot, source, glyph, label)
 
-    def shading(self, spans: Sequence[tuple[float, float]], colour: str) -> list[GlyphRenderer]:
-        """Return what shades (start, width) over the whole height, behind everything.
+    def shading(self, spans: Mapping[str, Sequence[tuple[float, float]]]) -> list[GlyphRenderer]:
+        """Return what shades (start, width) over the whole height, behind everything, by colour.
 
         It may be among the renderers of any number of plots.
         """
-        if not spans:
+        rows = [(a, a + width, colour) for colour in spans for a, width in spans[colour]]
+        if not rows:
             return []
-        left = np.array([a for a, _ in spans])
-        source = self.source({"left": left, "right": left + np.array([w for _, w in spans])})
-        glyph = VStrip(x0="left", x1="right", fill_color=colour, line_color=None)
-        return [self.drawing(source, glyph, level="image")]
+        columns = dict(zip(("left", "right", "colour"), zip(*rows, strict=True), strict=True))
+        glyph = VStrip(x0="left", x1="right", fill_color="colour", line_color=None)
+        return [self.drawing(self.source(columns), glyph, level="image")]
 
     def button(self, text: str) -> str:
         """Return a button that shows the span whose times a text names; '' where it names none."""

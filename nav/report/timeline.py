@@ -42,11 +42,9 @@ class Timeline:
         self.t = self.trajectory.time - board.start
         state = gnss_state(result)
         end = float(self.t[-1])
-        self._outages = [
-            drawn
-            for code, colour in SHADES.items()
-            for drawn in board.shading(runs(self.t, state == code, end), colour)
-        ]
+        self._outages = board.shading(
+            {colour: runs(self.t, state == code, end) for code, colour in SHADES.items()}
+        )
         _, self.vel_n, self.rpy_deg = geodetic_and_ned(self.trajectory)
 
     def satellites(self) -> list[list[Plot]]:
@@ -222,7 +220,7 @@ class Timeline:
     def panel(self, label: str, title: str = "", height: int = 190, **options: Any) -> Plot:
         """Return an empty panel over time, shaded where GNSS fell short."""
         plot = self.board.panel(label, title, height, **options)
-        plot.renderers = [*self._outages]
+        plot.renderers = list(self._outages)
         return plot
 
     def line(
