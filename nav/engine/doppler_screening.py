@@ -97,9 +97,7 @@ class DopplerScreening:
 def antenna_motion(kalman: ErrorStateFilter, calibration: Calibration) -> Measurement:
     """Return what the filter says of the antenna's velocity: −z, and its derivative H."""
     n, point = kalman.model.size, kalman.antenna_point(calibration.lever_antenna_b)
-    return measurements.velocity(
-        kalman.state, n, np.zeros(3), np.eye(3), point, kalman.omega_b
-    )
+    return measurements.velocity(kalman.state, n, np.zeros(3), np.eye(3), point, kalman.omega_b)
 
 
 def _linear(

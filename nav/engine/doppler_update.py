@@ -102,9 +102,7 @@ class DopplerUpdates:
             return Update(time, event.kind, tuple(rows.sat.tolist()), reason=reason)
         return self._apply(time, rows.take(keep), enough, antenna)
 
-    def _apply(
-        self, time: float, rows: DopplerRows, enough: bool, antenna: Measurement
-    ) -> Update:
+    def _apply(self, time: float, rows: DopplerRows, enough: bool, antenna: Measurement) -> Update:
         kalman, calibration, config = self.kalman, self.calibration, self.config
         gate = config.filter.gate_probability
         kind = "velocity" if enough else "doppler"
