@@ -41,7 +41,8 @@ _EVIDENT = 2.0
 _FEW = 1.0 / 3.0
 
 
-_Of, _Became = TypeVar("_Of"), TypeVar("_Became")
+_Of = TypeVar("_Of")
+_Became = TypeVar("_Became")
 
 
 class Diverged(DataError):
