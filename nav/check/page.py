@@ -16,7 +16,7 @@ from ...filters.rotation import FloatArray
 from ...velocity.tracks import Track, Tracks, tracks
 from ..page import document
 from ..page.board import Board
-from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE
+from ..page.palette import BLUE, GREEN, GREY, INK, ORANGE
 from ..page.tables import Column, Table
 from ..page.thinning import pieces, thin
 from . import motion

@@ -75,12 +75,7 @@ window.certnav = (() => {
     if (cell) cell.textContent = count;
   }
   function shade(low, high) {
-    for (let k = 0; ; k++) {
-      const box = model(`span-${k}`);
-      if (!box) return;
-      box.left = low;
-      box.right = high;
-    }
+    model("span")?.setv({ left: low, right: high });
   }
   // Lines are thinned to what a page of the whole shows; of a short span all epochs are here.
   const thinned = new Map();

@@ -6,7 +6,7 @@ import numpy as np
 from bokeh.models import Span
 from bokeh.plotting import figure
 
-from ..page.pictures import BLUE, GREY, INK, ORANGE, VERMILLION
+from ..page.palette import BLUE, GREY, INK, ORANGE, VERMILLION
 from .timeline import Timeline
 
 #: A zero has no place on a logarithmic axis.

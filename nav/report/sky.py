@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from bokeh.models import ColumnDataSource, FactorRange, HoverTool, Label, Range1d
+from bokeh.models import Circle, FactorRange, HBar, MultiLine, Range1d, Scatter, Text
 from bokeh.plotting import figure
 
 from ...filters.rotation import FloatArray
 from ..page.board import Board
-from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
+from ..page.palette import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
 from ..page.plots import look
 from ..page.thinning import thin
 from ..signals import UNUSED, Signals
@@ -49,19 +49,12 @@ class Sky:
             chosen = [bar for bar in bars if bar[4] == code]
             if chosen:
                 sat, left, right, why, _ = zip(*chosen, strict=True)
-                source = ColumnDataSource({"sat": sat, "left": left, "right": right, "why": why})
-                drawn = plot.hbar("sat", 0.7, "right", "left", source=source, color=colour)
-                self.board.legend(plot, name, [drawn])
-                plot.add_tools(
-                    HoverTool(
-                        renderers=[drawn],
-                        visible=False,
-                        tooltips=[
-                            ("@sat", "@left{0.0} … @right{0.0} s since start"),
-                            (name, "@why"),
-                        ],
-                    )
-                )
+                columns = {"sat": sat, "left": left, "right": right, "why": why}
+                glyph = HBar(y="sat", height=0.7, left="left", right="right", fill_color=colour,
+                             line_color=colour)  # fmt: skip
+                drawn = self.board.draw(plot, self.board.source(columns), glyph, name)
+                self.board.tell(plot, drawn, ("@sat", "@left{0.0} … @right{0.0} s since start"),
+                                (name, "@why"))  # fmt: skip
         return [[plot]]
 
     def strength(self) -> list[list[figure]]:
@@ -118,63 +111,50 @@ class Sky:
         )
         look(plot)
         plot.axis.visible = plot.grid.visible = False
-        for elevation in (0, 30, 60):
-            plot.circle(0, 0, radius=90 - elevation, fill_color=None, line_color="#C9CED6")
-            plot.add_layout(
-                Label(
-                    x=2,
-                    y=90 - elevation,
-                    text=f"{elevation}°",
-                    text_font_size="11px",
-                    text_color=INK,
-                )
-            )
-        for name, x, y in (("N", 0, 96), ("E", 97, 0), ("S", 0, -97), ("W", -97, 0)):
-            plot.add_layout(
-                Label(
-                    x=x,
-                    y=y,
-                    text=name,
-                    text_align="center",
-                    text_baseline="middle",
-                    text_font_size="12px",
-                    text_color=INK,
-                )
-            )
-        for sat in self.satellites:
-            self._path(plot, sat, np.flatnonzero((self.signals.sat == sat) & known))
+        self._horizon(plot)
+        self._paths(plot, known)
         return [[plot]]
 
-    def _path(self, plot: figure, sat: str, rows: np.ndarray) -> None:
-        if not rows.size:
-            return
-        rows = rows[:: -(-rows.size // 100)]
-        away = 90.0 - np.rad2deg(self.signals.elevation[rows])
-        x, y = away * np.sin(self.signals.azimuth[rows]), away * np.cos(self.signals.azimuth[rows])
-        colour = _SYSTEMS.get(sat[0], GREY)
-        plot.line(x, y, color=colour, line_width=2, alpha=0.6)
-        share = 100.0 * float(np.mean(self.fate[self.signals.sat == sat] == 0))
-        source = ColumnDataSource({"x": x[-1:], "y": y[-1:], "sat": [sat], "share": [share]})
-        drawn = plot.scatter(
-            "x", "y", source=source, size=15, fill_color="white", line_color=colour, line_width=2
-        )
-        plot.text(
-            "x",
-            "y",
-            text="sat",
-            source=source,
-            text_font_size="9px",
-            text_align="center",
-            text_baseline="middle",
-            text_color=INK,
-        )
-        plot.add_tools(
-            HoverTool(
-                renderers=[drawn],
-                visible=False,
-                tooltips=[("@sat", "used @share{0} % of its epochs")],
-            )
-        )
+    def _horizon(self, plot: figure) -> None:
+        """Draw circles of equal elevation, and where north, east, south and west are."""
+        circles = self.board.source({"y": [0, 0, 0], "away": [90, 60, 30]})
+        glyph = Circle(x=0, y="y", radius="away", fill_color=None, line_color="#C9CED6")
+        self.board.draw(plot, circles, glyph)
+        names = {"x": [2, 2, 2, 0, 97, 0, -97], "y": [90, 60, 30, 96, 0, -97, 0],
+                 "text": ["0°", "30°", "60°", "N", "E", "S", "W"],
+                 "size": ["11px"] * 3 + ["12px"] * 4, "align": ["left"] * 3 + ["center"] * 4,
+                 "base": ["top"] * 3 + ["middle"] * 4}  # fmt: skip
+        glyph = Text(x="x", y="y", text="text", text_font_size="size", text_align="align",
+                     text_baseline="base", text_color=INK)  # fmt: skip
+        self.board.draw(plot, self.board.source(names), glyph)
+
+    def _paths(self, plot: figure, known: np.ndarray) -> None:
+        """Draw the way of each satellite, and where it stood last."""
+        away, azimuth = 90.0 - np.rad2deg(self.signals.elevation), self.signals.azimuth
+        x, y = away * np.sin(azimuth), away * np.cos(azimuth)
+        columns: dict[str, list] = {
+            name: [] for name in ("xs", "ys", "x", "y", "sat", "share", "colour")
+        }
+        for sat in self.satellites:
+            of = self.signals.sat == sat
+            rows = np.flatnonzero(of & known)
+            if not rows.size:
+                continue
+            rows = rows[:: -(-rows.size // 100)]
+            share = 100.0 * float(np.mean(self.fate[of] == 0))
+            row = (x[rows], y[rows], x[rows[-1]], y[rows[-1]], sat, share,
+                   _SYSTEMS.get(sat[0], GREY))  # fmt: skip
+            for column, value in zip(columns.values(), row, strict=True):
+                column.append(value)
+        source = self.board.source(columns)
+        ways = MultiLine(xs="xs", ys="ys", line_color="colour", line_width=2, line_alpha=0.6)
+        self.board.draw(plot, source, ways)
+        ends = Scatter(x="x", y="y", size=15, fill_color="white", line_color="colour", line_width=2)
+        drawn = self.board.draw(plot, source, ends)
+        self.board.tell(plot, drawn, ("@sat", "used @share{0} % of its epochs"))
+        labels = Text(x="x", y="y", text="sat", text_font_size="9px", text_align="center",
+                      text_baseline="middle", text_color=INK)  # fmt: skip
+        self.board.draw(plot, source, labels)
 
     def _bars(self, sat: str) -> list[tuple[str, float, float, str, int]]:
         """Return the stretches of one satellite in which the same became of it."""
@@ -226,27 +206,15 @@ class Sky:
             if not of.size:
                 continue
             keep = of[thin(value[of], 3000)]
-            source = ColumnDataSource(
-                {
-                    "t": self.t[keep].astype("f4"),
-                    "y": value[keep].astype("f4"),
-                    "sat": self.signals.sat[keep].tolist(),
-                }
-            )
-            drawn = plot.scatter(
-                "t", "y", source=source, size=3, color=_SYSTEMS.get(system, GREY), alpha=0.7
-            )
-            self.board.legend(plot, _NAMES.get(system, system), [drawn])
-            plot.add_tools(
-                HoverTool(
-                    renderers=[drawn],
-                    visible=False,
-                    tooltips=[
-                        ("@sat", f"@y{{0.00}} {unit} ({name})"),
-                        ("", "@t{0.0} s since start"),
-                    ],
-                )
-            )
+            columns = {"t": self.t[keep].astype("f4"), "y": value[keep].astype("f4"),
+                       "sat": self.signals.sat[keep].tolist()}  # fmt: skip
+            colour = _SYSTEMS.get(system, GREY)
+            glyph = Scatter(x="t", y="y", size=3, fill_color=colour, line_color=colour,
+                            fill_alpha=0.7, line_alpha=0.7)  # fmt: skip
+            drawn = self.board.draw(plot, self.board.source(columns), glyph,
+                                    _NAMES.get(system, system))  # fmt: skip
+            self.board.tell(plot, drawn, ("@sat", f"@y{{0.00}} {unit} ({name})"),
+                            ("", "@t{0.0} s since start"))  # fmt: skip
 
 
 def _dilution(signals: Signals) -> tuple[FloatArray, FloatArray]:

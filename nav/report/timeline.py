@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from bokeh.models import ColumnDataSource, FactorRange, HoverTool, Range1d, Span
+from bokeh.models import FactorRange, HoverTool, Line, Range1d, Scatter, Span, Text
 from bokeh.plotting import figure
 
 from ...filters.rotation import FloatArray
 from ...filters.sensors import STANDARD_GRAVITY
 from ..evaluation.accuracy import rpy_covariance, standard_deviation
 from ..page.board import Board
-from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
+from ..page.palette import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
 from ..page.plots import look
 from ..page.thinning import pieces, runs, thin
 from ..results.directory import Result
@@ -43,7 +43,9 @@ class Timeline:
         state = gnss_state(result)
         end = float(self.t[-1])
         self._outages = [
-            (colour, runs(self.t, state == code, end)) for code, colour in SHADES.items()
+            drawn
+            for code, colour in SHADES.items()
+            for drawn in board.shading(runs(self.t, state == code, end), colour)
         ]
         _, self.vel_n, self.rpy_deg = geodetic_and_ned(self.trajectory)
 
@@ -115,14 +117,14 @@ class Timeline:
         plot = self.board.free("time since the last accepted position [s]", "horizontal error [m]",
                                "Drift: error over time since the last position")  # fmt: skip
         plot.x_range.start = 0
-        source = ColumnDataSource({
+        source = self.board.source({
             "age": age[keep], "error": error[keep], "t": evaluation.time[keep] - self.board.start,
         })  # fmt: skip
-        drawn = plot.scatter("age", "error", source=source, size=4, color=BLUE, alpha=0.6)
-        plot.add_tools(HoverTool(renderers=[drawn], tooltips=[
-            ("since the last position", "@age{0.0} s"), ("error", "@error{0.00} m"),
-            ("at", "@t{0.0} s since start"),
-        ], visible=False))  # fmt: skip
+        glyph = Scatter(x="age", y="error", size=4, **_filled(BLUE, 0.6))
+        self.board.tell(
+            plot, self.board.draw(plot, source, glyph), ("since the last position", "@age{0.0} s"),
+            ("error", "@error{0.00} m"), ("at", "@t{0.0} s since start"),
+        )  # fmt: skip
         return [[plot]]
 
     def distribution(self) -> list[list[figure]]:
@@ -135,17 +137,17 @@ class Timeline:
         plot.x_range.start = 0
         share = np.linspace(0.0, 100.0, 401)
         error = np.hypot(*evaluation.error_pos_n[:, :2].T)
-        source = ColumnDataSource({"x": np.percentile(error, share), "y": share})
-        drawn = plot.line("x", "y", source=source, color=BLUE, line_width=2)
+        source = self.board.source({"x": np.percentile(error, share), "y": share})
+        drawn = self.board.draw(plot, source, Line(line_color=BLUE, line_width=2), "error")
         plot.add_tools(HoverTool(renderers=[drawn], mode="hline", visible=False, tooltips=[
             ("", "@y{0.0} % of the time below @x{0.00} m")]))  # fmt: skip
-        self.board.legend(plot, "error", [drawn])
         # Rayleigh with the filter's own variances, averaged over the run.
         variance = np.mean(evaluation.sigma_pos_n[:, :2] ** 2, axis=1)
         x = np.linspace(0.0, float(error.max()) or 1.0, 201)
         claimed = 100.0 * (1.0 - np.exp(-(x[:, None] ** 2) / (2.0 * variance[:: _every(variance)])))
-        drawn = plot.line(x, claimed.mean(axis=1), color=ORANGE, line_width=2, line_dash="dashed")
-        self.board.legend(plot, "as the filter's σ would have it", [drawn])
+        source = self.board.source({"x": x, "y": claimed.mean(axis=1)})
+        glyph = Line(line_color=ORANGE, line_width=2, line_dash="dashed")
+        self.board.draw(plot, source, glyph, "as the filter's σ would have it")
         plot.y_range = Range1d(0, 101)
         return [[plot]]
 
@@ -214,18 +216,14 @@ class Timeline:
         if fate != "accepted" and any(s[4] for s in samples):  # those of all are in updates.csv
             columns |= {"sats": [samples[k][4] for k in keep]}
             tips.append(("satellites", "@sats"))
-        drawn = plot.scatter(
-            "t", "y", source=ColumnDataSource(columns), color=colour, marker=marker, alpha=0.8,
-            size=4 if fate == "accepted" else 8,
-        )  # fmt: skip
-        self.board.legend(plot, fate, [drawn])
-        plot.add_tools(HoverTool(renderers=[drawn], tooltips=tips, visible=False))
+        glyph = Scatter(x="t", y="y", marker=marker, size=4 if fate == "accepted" else 8,
+                        **_filled(colour, 0.8))  # fmt: skip
+        self.board.tell(plot, self.board.draw(plot, self.board.source(columns), glyph, fate), *tips)
 
     def panel(self, label: str, title: str = "", height: int = 190, **options: Any) -> figure:
         """Return an empty panel over time, shaded where GNSS fell short."""
         plot = self.board.panel(label, title, height, **options)
-        for colour, spans in self._outages:
-            self.board.shade(plot, spans, colour)
+        plot.renderers = [*self._outages]
         return plot
 
     def line(
@@ -277,16 +275,14 @@ def start_up(attempts: Sequence[tuple[float, str]], board: Board) -> list[list[f
     look(plot)
     plot.xaxis.axis_label = "time since start [s]"
     plot.yaxis.visible = plot.ygrid.visible = False  # the names stand over their marks
-    plot.text([float(t.min())] * len(reasons), reasons, reasons, text_font_size="11px",
-              text_color=INK, y_offset=-7)  # fmt: skip
-    source = ColumnDataSource({
+    names = board.source({"y": reasons})
+    board.draw(plot, names, Text(x=float(t.min()), y="y", text="y", text_font_size="11px",
+                                 text_color=INK, y_offset=-7))  # fmt: skip
+    source = board.source({
         "t": t, "y": [_reason(m) for _, m in attempts], "message": [m for _, m in attempts],
     })  # fmt: skip
-    drawn = plot.scatter("t", "y", source=source, marker="dash", angle=np.pi / 2, size=12,
-                         color=BLUE)  # fmt: skip
-    plot.add_tools(
-        HoverTool(renderers=[drawn], tooltips=[("", "@t{0.0} s"), ("", "@message")], visible=False)
-    )
+    marks = Scatter(x="t", y="y", marker="dash", angle=np.pi / 2, size=12, **_filled(BLUE))
+    board.tell(plot, board.draw(plot, source, marks), ("", "@t{0.0} s"), ("", "@message"))
     return [[plot]]
 
 
@@ -300,6 +296,11 @@ def _fate(accepted: bool, reason: str) -> str:
     if not accepted:
         return "rejected"
     return "gate overruled" if reason else "accepted"
+
+
+def _filled(colour: str, alpha: float = 1.0) -> dict[str, Any]:
+    """Return what gives a marker one colour."""
+    return {"fill_color": colour, "line_color": colour, "fill_alpha": alpha, "line_alpha": alpha}
 
 
 def _level(at: float) -> Span:
