@@ -135,7 +135,10 @@ def test_a_zoom_changes_all_panels_and_the_figures(opened):
     narrow = page.evaluate(_ORDINATE)
     assert narrow < wide
     page.click("#span-whole")
-    page.wait_for_timeout(400)
+    for _ in range(50):  # a loaded machine takes its time
+        page.wait_for_timeout(100)
+        if shown(page)["count"] != after["count"]:
+            break
     assert shown(page)["count"] == before["count"]
 
 

@@ -164,7 +164,8 @@ def test_a_doubt_leads_to_its_span(report):
     begin = result.solution.trajectory.time[0] - start
     assert text.count("data-from=") == 1
     assert f'data-from="{begin + 5:.2f}" data-to="{begin + 9:.2f}"' in text
-    assert "In doubt (1 of 2 doubts, all below): fixes wrong" in page.text
+    assert "In doubt (1 of 2 doubts, the others below): fixes wrong" in page.text
+    assert page.text.count("fixes wrong") == page.text.count("something is odd") == 1
 
 
 def test_figures_for_papers(result, tmp_path):
