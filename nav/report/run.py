@@ -88,8 +88,8 @@ def _provenance(result: Result) -> str:
     sensors, timing = summary["sensors"], summary["timing"]
     week, sow = to_week_sow(time[0])
     when = f"{to_calendar(time[0]):%Y-%m-%d %H:%M:%S} GPS time (week {week}, {sow:.3f} s)"
-    if week == 0:
-        when = f"{sow:.3f} s (no date in the files)"
+    if week <= 0:
+        when = f"{time[0]:.3f} s (no date in the files)"
     parts = [
         f"Start {when}",
         f"{duration(summary['duration_s'])}",
