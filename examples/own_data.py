@@ -53,15 +53,15 @@ pd.DataFrame(gnss, columns=columns).to_csv(folder / "gps.csv", index=False, floa
 # evidence, down to how far forward and right of the IMU the antenna is; the rest is `"?"`.
 
 # %%
-draft = measured_draft([folder / "imu.csv", folder / "gps.csv"]).text()
-print(draft)
+draft = measured_draft(sorted(folder.glob("*.csv")))
+print(draft.text())
 
 # %% [markdown]
 # A blank is refused with its line.
 
 # %%
 declaration = folder / "sequence.toml"
-declaration.write_text(draft)
+declaration.write_text(draft.text())
 try:
     load(folder)
 except NavError as refusal:
@@ -80,7 +80,7 @@ answers = {
     "velocity_sigma_mps": "[0.05, 0.05, 0.05]",
 }
 lines = []
-for line in draft.splitlines():
+for line in draft.text().splitlines():
     key = line.partition(" = ")[0]
     lines.append(f"{key} = {answers[key]}" if key in answers else line)
 declaration.write_text("\n".join(lines) + "\n")

@@ -287,8 +287,8 @@ def _judge_time(v: Variant, drive: Simulation, draft: Draft, out: dict[str, str]
     from certnav.filters.errors import NavError
     from certnav.nav.drafting import trial
 
-    if BLANK in (draft.get("imu", "time_scale"), draft.get("gnss", "time_scale"),
-                 draft.get("imu", "gyro"), draft.get("imu", "time")):  # fmt: skip
+    needed = (("imu", "time_scale"), ("gnss", "time_scale"), ("imu", "gyro"), ("imu", "time"))
+    if any(draft.get(section, key, BLANK) == BLANK for section, key in needed):
         out["time"] = "blank"
         return
     try:

@@ -101,6 +101,11 @@ def run(arguments: argparse.Namespace) -> None:
             f"--proof: method '{options.method}' proves nothing that could be written"
         )
     sequence = checked_load(arguments.path, Config(), checked=not arguments.unchecked)
+    if arguments.proof is not None and sequence.odometer is None:
+        raise ConfigError(
+            f"--proof: {sequence.name} has no odometer, and rows that hang on integrals of the IMU "
+            "are none that a proof file holds — leave --proof out"
+        )
     if sequence.odometer is not None:  # its windows can bear more, unless told otherwise
         options = replace(
             options, noise=arguments.noise or "fitted",

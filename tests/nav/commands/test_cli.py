@@ -308,11 +308,13 @@ def test_a_recording_among_the_results_stays_as_it_is(drive, tmp_path, capsys, m
     assert sorted(recording.rglob("*")) == before
 
 
-def test_align_without_an_odometer_asks_for_nothing_that_needs_one(drive, capsys):
+def test_align_without_an_odometer_asks_for_nothing_that_needs_one(drive, tmp_path, capsys):
     assert main(["align", str(drive)]) == 0
     printed = capsys.readouterr().out
     assert "Doppler σ assumed" in printed and re.search(r"PASSED\n", printed)
     assert "needs an odometer" in refuse(capsys, "align", drive, "--noise", "fitted")
+    assert "no odometer" in refuse(capsys, "align", drive, "--proof", tmp_path / "proofs.json")
+    assert not (tmp_path / "proofs.json").exists()  # which certnav verify could not read
 
 
 def test_simulate_and_refusal_to_overwrite(tmp_path, capsys):
