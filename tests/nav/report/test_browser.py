@@ -133,15 +133,7 @@ def test_a_zoom_changes_all_panels_and_the_figures(opened):
     narrow = page.evaluate(_ORDINATE)
     assert narrow < wide
     page.click("#span-whole")
-<<<<<<< HEAD
     page.wait_for_function(_COUNTED, arg=[before["count"] - 1, before["count"] + 1])
-=======
-    for _ in range(50):  # a loaded machine takes its time
-        page.wait_for_timeout(100)
-        if shown(page)["count"] != after["count"]:
-            break
-    assert shown(page)["count"] == before["count"]
->>>>>>> 8281842c54c4f634a79c75c3c143efea9c4352a0
 
 
 def test_ten_seconds_are_drawn_with_all_their_epochs(opened, monkeypatch):
