@@ -47,7 +47,7 @@ def build_page(report: Report, sequence: Sequence | None) -> str:
         _verdict(report),
         *(_findings(report, severity, board) for severity in ("fatal", "doubtful")),
         _measured(report),
-        f'<h2>As recorded</h2>\n<p class="controls">{board.zooming()}</p>{drawn}' if drawn else "",
+        drawn and f'<h2>As recorded</h2>\n<p class="controls span">{board.zooming()}</p>{drawn}',
         _contents(report),
         _findings(report, "note", board),
         _numbers(report),

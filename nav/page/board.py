@@ -286,7 +286,7 @@ def _single(values: FloatArray) -> NDArray[np.float32]:
 def _clock(start: float) -> CustomJSHover:
     """Return what writes a time of the axis: GPS time, seconds of week, seconds since start."""
     week, sow = to_week_sow(start)
-    if week == 0:
+    if week <= 0:
         return CustomJSHover(code="return value.toFixed(2) + ' s since start'")
     moment = to_calendar(start)
     day = moment.hour * 3600 + moment.minute * 60 + moment.second + moment.microsecond * 1e-6

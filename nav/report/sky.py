@@ -70,13 +70,15 @@ class Sky:
         known = np.isfinite(self.signals.residual)
         rows = []
         for title, chosen in (
-            ("Range-rate residuals of signals that were used", known & (self.fate == 0)),
-            ("… and of those that were not (beyond ±5 m/s at the edge)", known & (self.fate > 0)),
+            ("Residuals of range rates used", known & (self.fate == 0)),
+            ("… and of those not used", known & (self.fate > 0)),
         ):
             if chosen.any():
-                plot = self.board.panel("residual [m/s]", title)
-                value = np.clip(self.signals.residual, -5.0, 5.0)
+                limit = _limit(self.signals.residual[chosen])
+                plot = self.board.panel("residual [m/s]", f"{title}, to ±{limit:g} m/s")
+                value = np.clip(self.signals.residual, -limit, limit)
                 self._by_system(plot, value, "residual", "m/s", np.flatnonzero(chosen))
+                plot.y_range = Range1d(-1.08 * limit, 1.08 * limit)
                 rows.append([plot])
         return rows
 
@@ -149,7 +151,7 @@ class Sky:
         source = self.board.source(columns)
         ways = MultiLine(xs="xs", ys="ys", line_color="colour", line_width=2, line_alpha=0.6)
         self.board.draw(plot, source, ways)
-        ends = Scatter(x="x", y="y", size=15, fill_color="white", line_color="colour", line_width=2)
+        ends = Scatter(x="x", y="y", size=22, fill_color="white", line_color="colour", line_width=2)
         drawn = self.board.draw(plot, source, ends)
         self.board.tell(plot, drawn, ("@sat", "used @share{0} % of its epochs"))
         labels = Text(x="x", y="y", text="sat", text_font_size="9px", text_align="center",
@@ -215,6 +217,12 @@ class Sky:
                                     _NAMES.get(system, system))  # fmt: skip
             self.board.tell(plot, drawn, ("@sat", f"@y{{0.00}} {unit} ({name})"),
                             ("", "@t{0.0} s since start"))  # fmt: skip
+
+
+def _limit(residual: FloatArray) -> float:
+    """Return up to where residuals are drawn apart [m/s]: noise shows, few are at the edge."""
+    wanted = 1.5 * float(np.percentile(np.abs(residual), 98.0))
+    return next((step for step in (0.1, 0.2, 0.5, 1.0, 2.0) if wanted <= step), 5.0)
 
 
 def _dilution(signals: Signals) -> tuple[FloatArray, FloatArray]:

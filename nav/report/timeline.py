@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -57,8 +58,10 @@ class Timeline:
         for count, colour, name in (
             (epochs.tracked, GREY, "tracked"), (epochs.usable, BLUE, "usable"),
         ):  # fmt: skip
-            keep = thin(count.astype(float), _BINS)
-            self.board.line(plot, t[keep], count[keep].astype(float), colour, name, mode="after")
+            keep, cut = pieces(t, count.astype(float), bins=_BINS)
+            self.board.line(
+                plot, t[keep], count[keep].astype(float), colour, name, cut=cut, mode="after"
+            )
         for level in (4, 2):
             plot.add_layout(_level(level))
         plot.y_range = Range1d(0, max(5.0, 1.08 * float(epochs.tracked.max())))
@@ -251,7 +254,7 @@ class Timeline:
             if known.any():
                 if raw is not None:
                     self.line(plot, t_error, raw[:, k], GREY, "raw", unit)
-                label = "error" if raw is None else "misalignment removed"
+                label = "error" if raw is None else "aligned"
                 self.line(plot, t_error, error[:, k], BLUE, label, unit, scale=True, full=full[k])
             out.append(plot)
         return out
@@ -264,7 +267,7 @@ def start_up(attempts: Sequence[tuple[float, str]], board: Board) -> list[list[P
         return []
     t = np.array([time for time, _ in attempts]) - board.start
     plot = figure(
-        height=60 + 34 * len(reasons), sizing_mode="stretch_width", tools=[],
+        height=96 + 34 * len(reasons), sizing_mode="stretch_width", tools=[],
         y_range=FactorRange(*reversed(reasons), range_padding=0.4), toolbar_location=None,
         title="What the start waited for",
     )  # fmt: skip
@@ -283,9 +286,14 @@ def start_up(attempts: Sequence[tuple[float, str]], board: Board) -> list[list[P
 
 
 def _reason(message: str) -> str:
-    """Return what an attempt missed, without its figures."""
-    short = message.split(":")[0].split(" (")[0]
-    return short if len(short) <= 42 else short[:40].rstrip() + " …"
+    """Return what an attempt missed and what would help, without its figures."""
+    missed, _, help_ = message.removeprefix("not aligned: ").split(";")[0].partition(", needs ")
+    if help_ or message.startswith("not aligned"):
+        name = re.split(r" for |[±(]| \d", missed)[0].strip()
+        short = f"{name}: {help_}" if help_ else name
+    else:
+        short = message.split(":")[0].split(" over ")[0]
+    return short if len(short) <= 50 else short[:48].rstrip() + " …"
 
 
 def _fate(accepted: bool, reason: str) -> str:

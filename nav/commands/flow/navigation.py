@@ -68,7 +68,7 @@ def navigate_folder(
             sequence = with_calibration(sequence, calibration)
         announce_kernels()  # what is missing was said before anything is compiled
         passed_over = waived(refused, config, checked)
-        out = Path("results") / sequence.name if out is None else out
+        out = place_of_result(sequence.name, path) if out is None else out
         check_replaceable(out)
         doubted = _checked(sequence, config, checked)
         found = (*passed_over, *(Note("doubtful", f"{f.subject}: {f.found}") for f in doubted))
@@ -94,6 +94,12 @@ def navigate_folder(
     if say:
         _print_summary(solution, evaluation, sequence, out)
     return out, solution.status
+
+
+def place_of_result(name: str, recording: Path) -> Path:
+    """Return where a result goes that no place was named for: never into the recording itself."""
+    out = Path("results") / name
+    return out.with_name(f"{name}-run") if out.resolve() == recording.resolve() else out
 
 
 def _write_learned(file: Path, solution: Solution) -> None:
