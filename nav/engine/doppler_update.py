@@ -51,6 +51,9 @@ class DopplerUpdates:
     agreed : bool
         Whether a satellite of the last epoch agreed with the filter, clock and all: then it is
         not the filter that is to be doubted.
+    below_four : bool
+        Whether any epoch has come down to two or three satellites, or to four the first time: then
+        what ``gnss.below_four`` says, and all that belongs to it, has mattered.
     """
 
     def __init__(
@@ -63,7 +66,7 @@ class DopplerUpdates:
     ) -> None:
         self.kalman, self.calibration, self.config = kalman, calibration, config
         self.forward, self.log = forward, log
-        self.agreed = False
+        self.agreed = self.below_four = False
         self._four = False
         self._doubted = -np.inf
         self._screening = DopplerScreening(
@@ -95,6 +98,7 @@ class DopplerUpdates:
         self.agreed = bool(keep.any()) and not checked
         count = int(keep.sum())
         enough = self._enough(count)
+        self.below_four |= count >= 2 and not enough
         if count < 2 or (not enough and self.config.gnss.below_four == "off"):
             reason = f"fewer than {'two' if count < 2 else 'four'} satellites agree with the filter"
             if count == 4:

@@ -139,6 +139,11 @@ class FilterLoop:
         del self.updates[:gone]
 
     @property
+    def below_four(self) -> bool:
+        """Whether what Doppler does below four satellites has mattered."""
+        return self._doppler.below_four
+
+    @property
     def reached(self) -> float:
         """How far the events went [s]."""
         return self.updates[-1].time if self.updates else self.begin

@@ -16,14 +16,20 @@ from typing import Any
 
 import numpy as np
 from bokeh.models import (
+    Axis,
     BasicTicker,
     BasicTickFormatter,
     BoxAnnotation,
     BoxSelectTool,
     BoxZoomTool,
+    CategoricalAxis,
+    CategoricalScale,
     CrosshairTool,
     CustomJS,
     CustomJSHover,
+    DataRange1d,
+    FactorRange,
+    FixedTicker,
     GlyphRenderer,
     Grid,
     GridPlot,
@@ -31,27 +37,32 @@ from bokeh.models import (
     Line,
     LinearAxis,
     LinearScale,
+    LogAxis,
+    LogScale,
     PanTool,
+    Plot,
+    Range,
     Range1d,
     ResetTool,
     SaveTool,
+    Scale,
     Scatter,
     Span,
     Step,
+    Title,
     Toolbar,
     ToolProxy,
     VArea,
     VStrip,
     WheelZoomTool,
 )
-from bokeh.plotting import figure
 from numpy.typing import NDArray
 
 from ...datasets.gpstime import to_calendar, to_week_sow
 from ...filters.rotation import FloatArray
 from ..notes import times_in
 from .palette import INK
-from .plots import GRID, Plots, look, look_of_axis
+from .plots import GRID, Plots, look_of_axis, look_of_frame
 
 
 class Board(Plots):
@@ -74,21 +85,24 @@ class Board(Plots):
             begin - room, end + room, bounds=(begin - room, end + room), min_interval=0.02,
             name="time",
         )  # fmt: skip
-        self._crosshair = Span(dimension="height", line_color=INK, line_alpha=0.5, line_width=1)
+        self._crosshair = CrosshairTool(
+            overlay=Span(dimension="height", line_color=INK, line_alpha=0.5, line_width=1)
+        )
         self._span = BoxAnnotation(
             left=np.nan, right=np.nan, fill_color=INK, fill_alpha=0.08, line_color=INK,
             line_alpha=0.4, name="span", level="underlay",
         )  # fmt: skip
-        # An ordinate's numbers and ticks are its own; the axis of time is every plot's.
-        self._scale, ticker, numbers = LinearScale(), BasicTicker(), BasicTickFormatter()
+        # How an ordinate's numbers are written is its own; the axis of time is every plot's.
+        self._scale, self._ticker, numbers = LinearScale(), BasicTicker(), BasicTickFormatter()
         self._axis, self._named = (
-            LinearAxis(ticker=ticker, formatter=numbers, major_label_policy=self._labels,
+            LinearAxis(ticker=self._ticker, formatter=numbers, major_label_policy=self._labels,
                        axis_label=name)
             for name in (None, "time since start [s]")
         )  # fmt: skip
         look_of_axis(self._axis)
         look_of_axis(self._named)
-        self._grid = Grid(dimension=0, axis=self._axis, grid_line_color=GRID)
+        self._grid = Grid(dimension=0, ticker=self._ticker, grid_line_color=GRID)
+        self._lines = Grid(dimension=1, ticker=self._ticker, grid_line_color=GRID)
         self._select = CustomJS(
             code="window.certnav?.select(cb_obj.geometry.x0, cb_obj.geometry.x1)"
         )
@@ -96,24 +110,58 @@ class Board(Plots):
         self._clock = _clock(start)
         self._hovers: dict[tuple[str, str], HoverTool] = {}
 
-    def panel(self, label: str, title: str = "", height: int = 190, **options: Any) -> figure:
-        """Return an empty plot over the common time axis; `label` names its ordinate."""
-        plot = figure(
-            height=height, sizing_mode="stretch_width", x_range=self.time, x_axis_type=None,
-            title=title, tools=[], toolbar_location=None, min_border_left=58, **options,
+    def panel(
+        self, label: str, title: str = "", height: int = 190, *, y_range: Range | None = None,
+        logarithmic: bool = False, ticks: Sequence[float] = (), tags: Sequence[str] = (),
+    ) -> Plot:  # fmt: skip
+        """Return an empty plot over the common time axis.
+
+        Parameters
+        ----------
+        label : str
+            Name of the ordinate.
+        title : str
+        height : int
+            [px]
+        y_range : Range, optional
+            What the ordinate shows; else what is drawn. Names, one a row, are a FactorRange.
+        logarithmic : bool
+        ticks : sequence of float
+            Where the ordinate has numbers and lines, if it is known better than from its range.
+        tags : sequence of str
+        """
+        axis, scale = self._ordinate(y_range, logarithmic, ticks)
+        axis.update(axis_label=label, major_label_policy=self._labels)
+        usual = axis.ticker is self._ticker
+        lines = self._lines if usual else Grid(dimension=1, axis=axis, grid_line_color=GRID)
+        plot = Plot(
+            height=height, sizing_mode="stretch_width", toolbar_location=None, min_border_left=58,
+            x_range=self.time, x_scale=self._scale, y_range=y_range or DataRange1d(),
+            y_scale=scale, title=Title(text=title), tags=list(tags), left=[axis],
+            below=[self._axis], center=[self._grid, lines, self._span],
+            js_event_callbacks={
+                "selectiongeometry": [self._select], "mousemove": [self._point],
+            },
         )  # fmt: skip
-        look(plot)
-        plot.yaxis.axis_label = label
-        plot.x_scale = self._scale
-        plot.below, plot.center = [self._axis], [self._grid, *plot.center, self._span]
-        plot.js_event_callbacks = {
-            "selectiongeometry": [self._select], "mousemove": [self._point],
-        }  # fmt: skip
+        look_of_frame(plot)
+        look_of_axis(axis)
         return plot
+
+    def _ordinate(
+        self, y_range: Range | None, logarithmic: bool, ticks: Sequence[float]
+    ) -> tuple[Axis, Scale]:
+        """Return axis and scale of an ordinate; the usual scale and ticks are everybody's."""
+        if isinstance(y_range, FactorRange):
+            return CategoricalAxis(), CategoricalScale()
+        if logarithmic:
+            return LogAxis(), LogScale()
+        if ticks:
+            return LinearAxis(ticker=FixedTicker(ticks=list(ticks))), self._scale
+        return LinearAxis(ticker=self._ticker), self._scale
 
     def line(
         self,
-        plot: figure,
+        plot: Plot,
         t: FloatArray,
         y: FloatArray,
         colour: str,
@@ -144,7 +192,7 @@ class Board(Plots):
         drawn = self.draw(plot, self.source(columns, tags=tags), glyph, label, name=label)
         self._hover(plot, unit).renderers.append(drawn)
 
-    def _hover(self, plot: figure, unit: str) -> HoverTool:
+    def _hover(self, plot: Plot, unit: str) -> HoverTool:
         """Return what tells time and value of all lines of a plot in one unit."""
         key = (plot.id, unit)
         if key not in self._hovers:
@@ -157,7 +205,7 @@ class Board(Plots):
         return self._hovers[key]
 
     def band(
-        self, plot: figure, t: FloatArray, low: FloatArray, high: FloatArray, colour: str,
+        self, plot: Plot, t: FloatArray, low: FloatArray, high: FloatArray, colour: str,
         label: str = "±3σ",
     ) -> None:  # fmt: skip
         """Fill what lies between `low` and `high`."""
@@ -201,7 +249,7 @@ class Board(Plots):
             '<button type="button" id="span-whole">whole</button>'
         )
 
-    def place(self, rows: Sequence[Sequence[figure]], alt: str, stretch: bool = True) -> str:
+    def place(self, rows: Sequence[Sequence[Plot]], alt: str, stretch: bool = True) -> str:
         """Return where a grid of plots goes; the time axis has its name below the last of them.
 
         Plots over time that lie together share their tools: what zooms one zooms all.
@@ -213,11 +261,10 @@ class Board(Plots):
             plot.below = [self._named]
             plot.height += 18
         zoom, reset = BoxZoomTool(dimensions="width"), ResetTool()
-        tools = [
-            zoom, BoxSelectTool(dimensions="width", persistent=False, renderers=[]),
-            PanTool(dimensions="width"), WheelZoomTool(dimensions="width"),
-            CrosshairTool(overlay=self._crosshair),
-        ]  # fmt: skip
+        select = BoxSelectTool(dimensions="width", persistent=False, renderers=[])
+        zoom.overlay.handles = select.overlay.handles = self._span.handles
+        pan, wheel = PanTool(dimensions="width"), WheelZoomTool(dimensions="width")
+        tools = [zoom, select, pan, wheel, self._crosshair]
         for plot in plots:
             plot.toolbar.update(tools=[*tools, reset, *plot.toolbar.tools], active_drag=zoom)
         # What acts on a plot, not on the grid, acts for the grid by proxy.

@@ -10,7 +10,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from html import escape
 from importlib.resources import files
 from typing import Any
@@ -30,11 +31,14 @@ from bokeh.models import (
     HoverTool,
     Legend,
     LegendItem,
+    Plot,
+    Selection,
     UnionRenderers,
 )
 from bokeh.models.glyph import Glyph
 from bokeh.plotting import figure
 from bokeh.resources import Resources
+from bokeh.settings import settings
 
 from .palette import INK
 
@@ -53,7 +57,8 @@ class Plots:
     def __init__(self) -> None:
         self._placed: list[Model] = []
         # What has no state of its own is there once: making a page takes as long as it has models.
-        self._all, self._union, self._labels = AllIndices(), UnionRenderers(), AllLabels()
+        self._all, self._labels = AllIndices(), AllLabels()
+        self._union, self._none = UnionRenderers(), Selection()  # nothing is ever selected
 
     def free(
         self, x: str, y: str, title: str = "", height: int = 300, **options: Any
@@ -72,7 +77,9 @@ class Plots:
 
     def source(self, columns: Mapping[str, Any], **options: Any) -> ColumnDataSource:
         """Return a source of columns."""
-        return ColumnDataSource(dict(columns), selection_policy=self._union, **options)
+        return ColumnDataSource(
+            dict(columns), selected=self._none, selection_policy=self._union, **options
+        )
 
     def drawing(self, source: ColumnDataSource, glyph: Glyph, **options: Any) -> GlyphRenderer:
         """Return what draws a glyph for each row of a source, in every plot it is given to."""
@@ -80,7 +87,7 @@ class Plots:
         return GlyphRenderer(data_source=source, glyph=glyph, view=view, **options)
 
     def draw(
-        self, plot: figure, source: ColumnDataSource, glyph: Glyph, label: str = "", **options: Any
+        self, plot: Plot, source: ColumnDataSource, glyph: Glyph, label: str = "", **options: Any
     ) -> GlyphRenderer:  # fmt: skip
         """Draw a glyph for each row of a source, and name it in the legend.
 
@@ -93,7 +100,7 @@ class Plots:
         return drawn
 
     @staticmethod
-    def legend(plot: figure, label: str, drawn: list[Any]) -> None:
+    def legend(plot: Plot, label: str, drawn: list[Any]) -> None:
         """Name what was drawn, over the plot and out of its way."""
         if not label:
             return
@@ -112,7 +119,7 @@ class Plots:
         )  # fmt: skip
 
     @staticmethod
-    def tell(plot: figure, drawn: Any, *lines: tuple[str, str]) -> None:
+    def tell(plot: Plot, drawn: Any, *lines: tuple[str, str]) -> None:
         """Let the pointer over what was drawn tell of it: pairs of a name and a Bokeh template."""
         plot.add_tools(HoverTool(renderers=[drawn], tooltips=list(lines), visible=False))
 
@@ -139,7 +146,7 @@ class Plots:
             '<button type="button" data-all="false">none</button></p>'
         )
 
-    def place(self, rows: Sequence[Sequence[figure]], alt: str, stretch: bool = True) -> str:
+    def place(self, rows: Sequence[Sequence[Plot]], alt: str, stretch: bool = True) -> str:
         """Return where in the page a grid of plots goes, under one toolbar; `alt` tells of them.
 
         Without `stretch` plots keep their size, where shape is what they show.
@@ -154,7 +161,7 @@ class Plots:
         )  # fmt: skip
         return self._hole(model, alt)
 
-    def cells(self, plots: Sequence[figure], alt: str, columns: int = 1) -> str:
+    def cells(self, plots: Sequence[Plot], alt: str, columns: int = 1) -> str:
         """Return where in the page plots go side by side, and below each other on a phone."""
         holes = "".join(
             self._hole(plot, f"{alt}: {plot.title.text}" if plot.title.text else alt)
@@ -178,7 +185,8 @@ class Plots:
         with document.models.freeze():  # or all models are counted again with each plot
             for model in self._placed:
                 document.add_root(model)
-        script, places = components(tuple(self._placed), wrap_script=False)
+        with _unchecked():
+            script, places = components(tuple(self._placed), wrap_script=False)
         numbers: dict[str, str] = {}
         script = _renumbered(script, numbers)
         for k, place in enumerate(places):
@@ -187,15 +195,20 @@ class Plots:
         return body, f"{library}\n<script>\n{own}\n{script}\n</script>"
 
 
-def look(plot: figure) -> None:
+def look(plot: Plot) -> None:
     """Give a plot the look of all: quiet axes, light grid, letters that can be read."""
+    look_of_frame(plot)
+    for axis in plot.axis:
+        look_of_axis(axis)
+    plot.grid.grid_line_color = GRID
+
+
+def look_of_frame(plot: Plot) -> None:
+    """Give a plot's title and background the look of all."""
     plot.update(background_fill_color=None, border_fill_color=None, outline_line_color=None)
     plot.title.update(
         text_font=_FONT, text_font_size="13px", text_color=INK, text_font_style="normal"
     )
-    for axis in plot.axis:
-        look_of_axis(axis)
-    plot.grid.grid_line_color = GRID
 
 
 def look_of_axis(axis: Axis) -> None:
@@ -207,6 +220,17 @@ def look_of_axis(axis: Axis) -> None:
         major_label_text_color=_QUIET, axis_line_color=_AXIS, major_tick_line_color=_AXIS,
         minor_tick_line_color=None,
     )  # fmt: skip
+
+
+@contextmanager
+def _unchecked() -> Iterator[None]:
+    """Spare Bokeh the check of every model, an eighth of a page's time: the tests have it."""
+    before = settings.perform_document_validation()
+    settings.perform_document_validation.set_value(False)
+    try:
+        yield
+    finally:
+        settings.perform_document_validation.set_value(before)
 
 
 def _renumbered(text: str, numbers: dict[str, str]) -> str:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from bokeh.models import Span
-from bokeh.plotting import figure
+from bokeh.models import Plot, Span
 
 from ..page.palette import BLUE, GREY, INK, ORANGE, VERMILLION
 from .timeline import Timeline
@@ -13,7 +12,7 @@ from .timeline import Timeline
 _LEAST = 1e-3
 
 
-def protection(panels: Timeline) -> list[list[figure]]:
+def protection(panels: Timeline) -> list[list[Plot]]:
     """Draw the protection levels over errors and σ; nothing where there are none."""
     trajectory, evaluation = panels.trajectory, panels.result.evaluation
     if not np.isfinite(trajectory.protection).any():
@@ -24,7 +23,7 @@ def protection(panels: Timeline) -> list[list[figure]]:
     rows = []
     for k, name in enumerate(("horizontal", "vertical")):
         plot = panels.panel(f"{name} [m]", f"{name.capitalize()}: level, error, σ",
-                            y_axis_type="log")  # fmt: skip
+                            logarithmic=True)  # fmt: skip
         panels.line(
             plot, panels.t, trajectory.protection[:, k], VERMILLION, "protection level", "m"
         )
@@ -36,7 +35,7 @@ def protection(panels: Timeline) -> list[list[figure]]:
     return rows
 
 
-def separation(panels: Timeline) -> list[list[figure]]:
+def separation(panels: Timeline) -> list[list[Plot]]:
     """Draw forward and backward less smoothed positions, and χ²; nothing where there are none."""
     found = panels.result.solution.separation
     if found is None:
@@ -51,7 +50,7 @@ def separation(panels: Timeline) -> list[list[figure]]:
                         "m", scale=True)  # fmt: skip
         rows.append([plot])
     if known.any():
-        plot = panels.panel("χ², 3 dof [1]", "χ² of what is between them", y_axis_type="log")
+        plot = panels.panel("χ², 3 dof [1]", "χ² of what is between them", logarithmic=True)
         panels.line(plot, t[known], np.maximum(found.chi2[known], _LEAST), INK, "χ²", "")
         plot.add_layout(Span(location=3.0, dimension="width", line_color=GREY, line_dash="dashed"))
         rows.append([plot])

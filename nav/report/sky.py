@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from bokeh.models import Circle, FactorRange, HBar, MultiLine, Range1d, Scatter, Text
+from bokeh.models import Circle, FactorRange, HBar, MultiLine, Plot, Range1d, Scatter, Text
 from bokeh.plotting import figure
 
 from ...filters.rotation import FloatArray
@@ -35,7 +35,7 @@ class Sky:
         self.satellites = sorted(set(signals.sat.tolist()))
         self.fate = np.where(signals.reason == "", 0, np.where(signals.reason == UNUSED, 1, 2))
 
-    def use(self) -> list[list[figure]]:
+    def use(self) -> list[list[Plot]]:
         """Draw when each satellite was used, and why not."""
         plot = self.board.panel(
             "",
@@ -57,7 +57,7 @@ class Sky:
                                 (name, "@why"))  # fmt: skip
         return [[plot]]
 
-    def strength(self) -> list[list[figure]]:
+    def strength(self) -> list[list[Plot]]:
         """Draw C/N0 over time."""
         if not np.isfinite(self.signals.cn0).any():
             return []
@@ -65,7 +65,7 @@ class Sky:
         self._by_system(plot, self.signals.cn0, "C/N0", "dB-Hz", np.arange(len(self.signals)))
         return [[plot]]
 
-    def residuals(self) -> list[list[figure]]:
+    def residuals(self) -> list[list[Plot]]:
         """Draw residuals of the range rates that were used, and of those that were not."""
         known = np.isfinite(self.signals.residual)
         rows = []
@@ -82,7 +82,7 @@ class Sky:
                 rows.append([plot])
         return rows
 
-    def dilution(self) -> list[list[figure]]:
+    def dilution(self) -> list[list[Plot]]:
         """Draw the dilution of precision of the satellites that were used, horizontal and up."""
         t, dop = _dilution(self.signals.take(self.fate == 0))
         if t.size < 2:
@@ -97,7 +97,7 @@ class Sky:
         plot.y_range = Range1d(0.0, min(max(2.0, 1.3 * top), 30.0))
         return [[plot]]
 
-    def plot(self) -> list[list[figure]]:
+    def plot(self) -> list[list[Plot]]:
         """Draw where the satellites stood, zenith in the middle, north up."""
         known = np.isfinite(self.signals.elevation) & np.isfinite(self.signals.azimuth)
         if not known.any():
@@ -117,7 +117,7 @@ class Sky:
         self._paths(plot, known)
         return [[plot]]
 
-    def _horizon(self, plot: figure) -> None:
+    def _horizon(self, plot: Plot) -> None:
         """Draw circles of equal elevation, and where north, east, south and west are."""
         circles = self.board.source({"y": [0, 0, 0], "away": [90, 60, 30]})
         glyph = Circle(x=0, y="y", radius="away", fill_color=None, line_color="#C9CED6")
@@ -130,7 +130,7 @@ class Sky:
                      text_baseline="base", text_color=INK)  # fmt: skip
         self.board.draw(plot, self.board.source(names), glyph)
 
-    def _paths(self, plot: figure, known: np.ndarray) -> None:
+    def _paths(self, plot: Plot, known: np.ndarray) -> None:
         """Draw the way of each satellite, and where it stood last."""
         away, azimuth = 90.0 - np.rad2deg(self.signals.elevation), self.signals.azimuth
         x, y = away * np.sin(azimuth), away * np.cos(azimuth)
@@ -199,7 +199,7 @@ class Sky:
         return out
 
     def _by_system(
-        self, plot: figure, value: FloatArray, name: str, unit: str, rows: np.ndarray
+        self, plot: Plot, value: FloatArray, name: str, unit: str, rows: np.ndarray
     ) -> None:
         """Scatter a value of each signal over time, extremes kept, one colour a system."""
         for system in sorted({sat[0] for sat in self.satellites}):
@@ -228,24 +228,19 @@ def _limit(residual: FloatArray) -> float:
 def _dilution(signals: Signals) -> tuple[FloatArray, FloatArray]:
     """Return the times of epochs of four satellites or more, and horizontal and vertical DOP."""
     known = signals.take(np.isfinite(signals.elevation) & np.isfinite(signals.azimuth))
-    _, one = np.unique(
-        np.char.add(np.char.mod("%.3f", known.time), known.sat), return_index=True
-    )  # one signal a satellite
-    known = known.take(np.sort(one))
     if not len(known):
         return np.zeros(0), np.zeros((0, 2))
-    times, first = np.unique(known.time, return_index=True)
-    found = []
-    for time, a, b in zip(times, first, np.r_[first[1:], len(known)], strict=True):
-        if b - a < 4:
-            continue
-        el, az = known.elevation[a:b], known.azimuth[a:b]
-        G = np.column_stack(
-            [np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el), np.ones(b - a)]
-        )
-        normal = G.T @ G
-        if np.linalg.cond(normal) < 1e9:
-            q = np.diag(np.linalg.inv(normal))
-            found.append((time, np.sqrt(q[0] + q[1]), np.sqrt(q[2])))
-    table = np.array(found).reshape(-1, 3)
-    return table[:, 0], table[:, 1:]
+    names, which = np.unique(known.sat, return_inverse=True)
+    milliseconds = np.rint(1e3 * known.time).astype(np.int64)
+    _, one = np.unique(milliseconds * names.size + which, return_index=True)  # signal a satellite
+    known = known.take(np.sort(one))
+    times, first, count = np.unique(known.time, return_index=True, return_counts=True)
+    el, az = known.elevation, known.azimuth
+    G = np.column_stack(
+        [np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el), np.ones(el.size)]
+    )
+    normal = np.add.reduceat(G[:, :, None] * G[:, None, :], first)
+    good = count >= 4
+    good[good] = np.linalg.cond(normal[good]) < 1e9
+    q = np.diagonal(np.linalg.inv(normal[good]), axis1=1, axis2=2)
+    return times[good], np.sqrt(np.column_stack([q[:, 0] + q[:, 1], q[:, 2]]))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from bokeh.models import FactorRange, HoverTool, Line, Range1d, Scatter, Span, Text
+from bokeh.models import FactorRange, HoverTool, Line, Plot, Range1d, Scatter, Span, Text
 from bokeh.plotting import figure
 
 from ...filters.rotation import FloatArray
@@ -50,7 +50,7 @@ class Timeline:
         ]
         _, self.vel_n, self.rpy_deg = geodetic_and_ned(self.trajectory)
 
-    def satellites(self) -> list[list[figure]]:
+    def satellites(self) -> list[list[Plot]]:
         """Draw satellites tracked and usable."""
         epochs = self.result.solution.epochs
         if not (epochs.usable >= 0).any():
@@ -69,7 +69,7 @@ class Timeline:
         plot.y_range = Range1d(0, max(5.0, 1.08 * float(epochs.tracked.max())))
         return [[plot]]
 
-    def position(self) -> list[list[figure]]:
+    def position(self) -> list[list[Plot]]:
         """Draw position errors and ±3σ, or ±3σ alone."""
         sigma3 = 3.0 * standard_deviation(self.trajectory.cov_pos_n)
         evaluation = self.result.evaluation
@@ -77,12 +77,12 @@ class Timeline:
         plots = self._errors(evaluation.error_pos_n, sigma3, _NED, "m", full=full)
         return [[p] for p in plots]
 
-    def velocity(self) -> list[list[figure]]:
+    def velocity(self) -> list[list[Plot]]:
         """Draw velocity errors and ±3σ."""
         sigma3 = 3.0 * standard_deviation(self.trajectory.cov_vel_n)
         return [[p] for p in self._errors(self.result.evaluation.error_vel_n, sigma3, _NED, "m/s")]
 
-    def attitude(self) -> list[list[figure]]:
+    def attitude(self) -> list[list[Plot]]:
         """Draw attitude errors, raw and with the constant misalignment removed, and ±3σ."""
         cov = rpy_covariance(self.trajectory.cov_att_n, np.deg2rad(self.rpy_deg))
         sigma3 = 3.0 * np.rad2deg(standard_deviation(cov))
@@ -92,20 +92,19 @@ class Timeline:
         )
         return [[p] for p in panels]
 
-    def motion(self) -> list[list[figure]]:
+    def motion(self) -> list[list[Plot]]:
         """Draw speed, heading, roll and pitch."""
         speed = self.panel("speed [m/s]", "Horizontal speed")
         self.line(speed, self.t, np.hypot(*self.vel_n[:, :2].T), BLUE, "speed", "m/s", scale=True)
-        heading = self.panel("heading [°]", "Heading")
-        heading.y_range = Range1d(0, 360)
-        heading.yaxis.ticker = [0, 90, 180, 270, 360]
+        heading = self.panel("heading [°]", "Heading", y_range=Range1d(0, 360),
+                             ticks=(0, 90, 180, 270, 360))  # fmt: skip
         self.line(heading, self.t, self.rpy_deg[:, 2], BLUE, "heading", "°", wrap=360.0)
         tilt = self.panel("roll, pitch [°]", "Roll and pitch")
         for k, colour in ((0, BLUE), (1, ORANGE)):
             self.line(tilt, self.t, self.rpy_deg[:, k], colour, _RPY[k], "°", scale=True)
         return [[speed], [heading], [tilt]]
 
-    def since_fix(self) -> list[list[figure]]:
+    def since_fix(self) -> list[list[Plot]]:
         """Draw the horizontal error over the time since the last accepted position."""
         evaluation = self.result.evaluation
         if not evaluation.has_reference:
@@ -130,7 +129,7 @@ class Timeline:
         )  # fmt: skip
         return [[plot]]
 
-    def distribution(self) -> list[list[figure]]:
+    def distribution(self) -> list[list[Plot]]:
         """Draw the distribution of horizontal error, and of what the filter claims."""
         evaluation = self.result.evaluation
         if not evaluation.has_reference or evaluation.time.size < 10:
@@ -154,7 +153,7 @@ class Timeline:
         plot.y_range = Range1d(0, 101)
         return [[plot]]
 
-    def biases(self) -> list[list[list[figure]]]:
+    def biases(self) -> list[list[list[Plot]]]:
         """Draw the estimated biases of gyro and accelerometers, a grid each, with ±3σ."""
         trajectory = self.trajectory
         per_degph, per_mg = np.rad2deg(1.0) * 3600.0, 1e3 / STANDARD_GRAVITY
@@ -179,12 +178,13 @@ class Timeline:
             columns.append(column)
         return columns
 
-    def innovations(self) -> list[list[figure]]:
+    def innovations(self) -> list[list[Plot]]:
         """Draw the whitened innovations of each kind of update."""
         updates = [u for u in self.result.solution.updates if u.whitened]
         rows = []
         for kind in dict.fromkeys(u.kind for u in updates):
-            plot = self.panel(f"{kind} [1]", f"Innovations of {kind} over their σ", height=170)
+            plot = self.panel(f"{kind} [1]", f"Innovations of {kind} over their σ", height=170,
+                              y_range=Range1d(-6.5, 6.5))  # fmt: skip
             samples = [
                 (u.time - self.board.start, w, _fate(u.accepted, u.reason), u.reason,
                  " ".join(u.satellites))
@@ -199,12 +199,11 @@ class Timeline:
                     self._scatter(plot, chosen, fate, colour, marker)
             for level in (-3.0, 3.0):
                 plot.add_layout(_level(level))
-            plot.y_range = Range1d(-6.5, 6.5)
             rows.append([plot])
         return rows
 
     def _scatter(
-        self, plot: figure, samples: list[tuple], fate: str, colour: str, marker: str
+        self, plot: Plot, samples: list[tuple], fate: str, colour: str, marker: str
     ) -> None:
         t, w = np.array([s[0] for s in samples]), np.array([s[1] for s in samples])
         keep = thin(np.abs(w), 2 * _BINS) if fate == "accepted" else np.arange(w.size)[: 4 * _BINS]
@@ -223,14 +222,14 @@ class Timeline:
                         **_filled(colour, 0.8))  # fmt: skip
         self.board.tell(plot, self.board.draw(plot, self.board.source(columns), glyph, fate), *tips)
 
-    def panel(self, label: str, title: str = "", height: int = 190, **options: Any) -> figure:
+    def panel(self, label: str, title: str = "", height: int = 190, **options: Any) -> Plot:
         """Return an empty panel over time, shaded where GNSS fell short."""
         plot = self.board.panel(label, title, height, **options)
         plot.renderers = [*self._outages]
         return plot
 
     def line(
-        self, plot: figure, t: FloatArray, y: FloatArray, colour: str, label: str, unit: str,
+        self, plot: Plot, t: FloatArray, y: FloatArray, colour: str, label: str, unit: str,
         *, wrap: float | None = None, scale: bool = False, full: str = "",
     ) -> None:  # fmt: skip
         """Draw a thinned line, broken at holes in time and where an angle wraps."""
@@ -242,15 +241,16 @@ class Timeline:
     def _errors(
         self, error: FloatArray, sigma3: FloatArray, names: Sequence[str], unit: str,
         raw: FloatArray | None = None, full: Sequence[str] = ("",) * 3,
-    ) -> list[figure]:  # fmt: skip
+    ) -> list[Plot]:  # fmt: skip
         """Draw each error with its ±3σ on a scale on which the error shows; else ±3σ alone."""
         out = []
         t_error = self.result.evaluation.time - self.board.start
         for k, name in enumerate(names):
             known = np.isfinite(error[:, k])
             what = "error" if known.any() else "±3σ, no reference"
+            limit = 1.1 * float(sigma3[:, k].max()) or 1.0
             plot = self.panel(f"{name} [{unit}]", f"{name.capitalize()}: {what}",
-                               tags=["error"])  # fmt: skip
+                              y_range=Range1d(-limit, limit), tags=["error"])  # fmt: skip
             keep = thin(sigma3[:, k], _BINS)
             self.board.band(plot, self.t[keep], -sigma3[keep, k], sigma3[keep, k], SKY)
             if known.any():
@@ -258,13 +258,11 @@ class Timeline:
                     self.line(plot, t_error, raw[:, k], GREY, "raw", unit)
                 label = "error" if raw is None else "aligned"
                 self.line(plot, t_error, error[:, k], BLUE, label, unit, scale=True, full=full[k])
-            limit = 1.1 * float(sigma3[:, k].max()) or 1.0
-            plot.y_range = Range1d(-limit, limit)
             out.append(plot)
         return out
 
 
-def start_up(attempts: Sequence[tuple[float, str]], board: Board) -> list[list[figure]]:
+def start_up(attempts: Sequence[tuple[float, str]], board: Board) -> list[list[Plot]]:
     """Draw what a start in motion waited for: one row a reason, one mark an attempt."""
     reasons = list(dict.fromkeys(_reason(message) for _, message in attempts))
     if not reasons:

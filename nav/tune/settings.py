@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from collections.abc import Sequence as Listing
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -18,14 +19,25 @@ from ...datasets.sequence import Sequence
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ...velocity.doppler_noise import NoiseFit
-from ..config import Config
+from ..config import Config, GnssConfig
+from ..engine.prepared import offered_by
 from ..spells.outages import Outages, parse_outages
 from ..sweep.drives import Source, drive
 from ..sweep.parallel import in_parallel
 from ..sweep.shared import Shared
 from .candidates import SNR, Candidate, K, candidates
 from .choice import Change, Group, best, by_time, change, cross_validated, of_candidate
-from .trials import FOLDS, Prepared, Trial, centres, pooled, prepare, try_out, weights_for
+from .trials import (
+    FOLDS,
+    Prepared,
+    Trial,
+    centres,
+    forget,
+    pooled,
+    prepare,
+    try_out,
+    weights_for,
+)
 
 #: Two or three satellites, of any strength, for half of the time.
 OUTAGES = parse_outages("30/60:2-3")
@@ -158,15 +170,21 @@ def tune_settings(
     for done, (trial, (number, recording)) in enumerate(zip(found, where, strict=True), 1):
         trials[number][recording] = trial
         say(done / len(work), f"{tried[number].name}: {ready[recording].name}")
+    forget()
     return _settled(tried, ready, trials, base, outages)
 
 
 def _work(
     drives: list[Shared[Sequence]], ready: list[Prepared], tried: list[Candidate], base: Config
 ) -> tuple[list[tuple], list[tuple[int, int]]]:
-    """Return the calls of all trials, drive by drive, and the candidate and recording of each."""
-    work, where = [], []
+    """Return the calls of all trials, drive by drive, and the candidate and recording of each.
+
+    Candidates with the same GNSS follow one another: that is kept for them, but not for long.
+    """
+    work: list[tuple] = []
+    where: list[tuple[int, int]] = []
     for recording, (source, one) in enumerate(zip(drives, ready, strict=True)):
+        alike: dict[GnssConfig, list[tuple[int, tuple]]] = {}
         for number, candidate in enumerate(tried):
             configs: tuple[Config, ...] = (candidate.config(base),) if not candidate.weights else ()
             if candidate.weights:
@@ -174,8 +192,10 @@ def _work(
                 noise = weights_for(one, others, candidate.weights)
                 configs = tuple(candidate.config(base, n) for n in noise or ())
             if configs:
-                work.append((source, one, configs))
-                where.append((number, recording))
+                alike.setdefault(offered_by(configs[0]).gnss, []).append((number, configs))
+        for number, configs in chain(*alike.values()):
+            work.append((source, one, configs))
+            where.append((number, recording))
     return work, where
 
 

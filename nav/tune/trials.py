@@ -5,10 +5,15 @@ for: the horizontal error block by block of the recording as it is, and the drif
 in which a few satellites are left. Weights are never judged on what they were fitted to: in the
 first half of a recording they are those fitted to the second, and the other way round; where there
 are three recordings or more, those fitted to the others.
+
+Every run is what `certnav run` would do, to the last digit; what is the same for several of them is
+computed once (`nav.engine.prepared`).
 """
 
 from __future__ import annotations
 
+import threading
+import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -23,6 +28,7 @@ from ...velocity.doppler_noise import NoiseFit, fit_doppler_noise, reference_res
 from ...velocity.range_rate import DopplerNoise
 from ...velocity.study.samples import reference_samples
 from ..config import Config
+from ..engine.prepared import Prepared as Common
 from ..evaluation.accuracy import Evaluation, evaluate
 from ..pipeline import navigate
 from ..solution import Solution
@@ -61,6 +67,8 @@ class Prepared:
     least_cn0, least_elevation : float
         Satellites weaker or lower no candidate uses [dB-Hz], [deg].
     notes : tuple of str
+    key : str
+        What tells it from others.
     """
 
     name: str
@@ -73,6 +81,7 @@ class Prepared:
     least_cn0: float
     least_elevation: float
     notes: tuple[str, ...] = ()
+    key: str = field(default_factory=lambda: uuid.uuid4().hex)
 
     @property
     def middle(self) -> float:
@@ -99,6 +108,22 @@ class Trial:
     reason: str = ""
 
 
+class _Last(threading.local):
+    """What the runs over the last recording of this thread have in common, as it is and weak."""
+
+    key: str = ""
+    plain: Common | None = None
+    weak: Common | None = None
+
+
+_LAST = _Last()
+
+
+def forget() -> None:
+    """Let go of what runs over the last recording had in common."""
+    _LAST.key, _LAST.plain, _LAST.weak = "", None, None
+
+
 def prepare(
     sequence: Sequence, config: Config, outages: Outages, least_cn0: float, least_elevation: float
 ) -> Prepared:
@@ -115,8 +140,9 @@ def prepare(
             f"{sequence.name}: no Doppler: nothing of what is tuned would be used",
             remedy="its settings are the defaults, or see certnav run's options for positions",
         )
+    common, config = Common(sequence, own_noise=True), _unprotected(config)
     try:
-        solution = navigate(sequence, config)
+        solution = navigate(sequence, config, prepared=common)
     except AlignmentError as error:  # of several recordings, this one
         raise DataError(f"{sequence.name}: cannot be navigated: {error}") from None
     notes, judge = [], None
@@ -141,10 +167,14 @@ def prepare(
     if not spells:
         notes.append(f"{sequence.name}: too short for a spell of weak GNSS ({outages.text})")
     fits, more = _fits(sequence, 0.5 * float(time[0] + time[-1]))
-    return Prepared(
+    prepared = Prepared(
         sequence.name, time, block, tuple(spells), outages, judge, fits, least_cn0, least_elevation,
         (*notes, *more),
     )  # fmt: skip
+    forget()
+    if judge is None:
+        _LAST.key, _LAST.plain = prepared.key, common
+    return prepared
 
 
 def _spells(
@@ -191,9 +221,8 @@ def try_out(sequence: Sequence, prepared: Prepared, configs: tuple[Config, ...])
     configs : tuple of Config
         One; or two, for the first half of the recording and for the second.
     """
-    if prepared.judge is not None:
-        sequence = replace(sequence, reference=prepared.judge)
-    parts = [_judged(sequence, prepared, config) for config in configs]
+    plain, weak = _in_common(sequence, prepared)
+    parts = [_judged(plain, weak, prepared, config) for config in configs]
     if reasons := [part.reason for part in parts if part.reason]:
         return Trial(reason=reasons[0])
     if len(parts) == 1:
@@ -218,20 +247,46 @@ def centres(prepared: Prepared) -> dict[str, FloatArray]:
     return out
 
 
-def _judged(sequence: Sequence, prepared: Prepared, config: Config) -> Trial:
+def _in_common(sequence: Sequence, prepared: Prepared) -> tuple[Common, Common | None]:
+    """Return what all runs have in common over a recording as it is, and with its spells."""
+    if _LAST.key != prepared.key or _LAST.plain is None:
+        forget()
+        if prepared.judge is not None:
+            sequence = replace(sequence, reference=prepared.judge)
+        _LAST.plain, _LAST.key = Common(sequence, own_noise=True), prepared.key
+    if prepared.spells and _LAST.weak is None:
+        weak = degrade(
+            _LAST.plain.sequence, prepared.spells, prepared.outages,
+            min_cn0_dbhz=prepared.least_cn0, elevation_mask_deg=prepared.least_elevation,
+        )  # fmt: skip
+        _LAST.weak = Common(weak, own_noise=True)
+    return _LAST.plain, _LAST.weak
+
+
+def _judged(plain: Common, weak: Common | None, prepared: Prepared, config: Config) -> Trial:
     square: dict[str, FloatArray] = {}
     held = float("nan")
+    config = _unprotected(config)
     try:
         if prepared.judge is None:
-            plain = evaluate(navigate(sequence, config), sequence)
-            error = _horizontal_square(plain, prepared)
+            error = _horizontal_square(_run(plain, config)[1], prepared)
             count = np.bincount(prepared.block)
             square["as recorded"] = np.bincount(prepared.block, error) / np.maximum(count, 1)
-        if prepared.spells:
-            square["weak GNSS"], held = _drifts(sequence, prepared, config)
+        if weak is not None:
+            square["weak GNSS"], held = _drifts(weak, prepared, config)
     except NavError as error:
         return Trial(reason=str(error))
     return Trial(square, held)
+
+
+def _unprotected(config: Config) -> Config:
+    """Return a configuration without protection levels: they change nothing of what is judged."""
+    return replace(config, filter=replace(config.filter, protection_risk=0.0))
+
+
+def _run(common: Common, config: Config) -> tuple[Solution, Evaluation]:
+    solution = navigate(common.sequence, config, prepared=common)
+    return solution, evaluate(solution, common.sequence)
 
 
 def _horizontal_square(evaluation: Evaluation, prepared: Prepared) -> FloatArray:
@@ -249,14 +304,9 @@ def _horizontal_square(evaluation: Evaluation, prepared: Prepared) -> FloatArray
     return np.sum(evaluation.error_pos_n[there, :2] ** 2, axis=1)
 
 
-def _drifts(sequence: Sequence, prepared: Prepared, config: Config) -> tuple[FloatArray, float]:
+def _drifts(weak: Common, prepared: Prepared, config: Config) -> tuple[FloatArray, float]:
     """Return squared drifts of the spells [m²], and the share of their epochs with an update."""
-    weak = degrade(
-        sequence, prepared.spells, prepared.outages, min_cn0_dbhz=prepared.least_cn0,
-        elevation_mask_deg=prepared.least_elevation,
-    )  # fmt: skip
-    solution = navigate(weak, config)
-    evaluation = evaluate(solution, weak)
+    solution, evaluation = _run(weak, config)
     figures = [spell_figures(evaluation, spell) for spell in prepared.spells]
     if any(f is None for f in figures):
         raise DataError("no solution in a spell where the default has one")

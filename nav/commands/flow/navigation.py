@@ -118,12 +118,14 @@ def _drawing(page: bool, figures: str | None) -> Callable[[Path], None] | None:
         return None
 
     def draw(draft: Path) -> None:
-        from ...report import write_figures, write_report  # slow to import
-        from ...results.directory import read_result
-
         if page:
+            from ...report import write_report  # slow to import
+
             write_report(draft)
         if figures is not None:
+            from ...report import write_figures  # slow to import
+            from ...results.directory import read_result
+
             write_figures(read_result(draft), draft / "figures", figures)
 
     return draw

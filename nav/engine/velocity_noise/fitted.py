@@ -75,7 +75,12 @@ def with_fitted_velocities(
     else:
         start = course.start[0]
     report(0.0, "noise of velocities")
-    errors, notes = (_raw if raw else _carried)(course, start)
+    below = False
+    if raw:
+        errors, notes, below = _raw(course, start)
+    else:
+        errors, notes = _carried(course, start)
+    course = dataclasses.replace(course, below_four=below)
     return (course if errors is None else with_velocities(course, errors)), errors, notes
 
 
@@ -91,12 +96,14 @@ def with_velocities(course: Course, errors: VelocityErrors) -> Course:
     return _with(course, gnss)
 
 
-def _raw(course: Course, start: Start) -> tuple[VelocityErrors | None, tuple[Note, ...]]:
-    declared, fitted = course.config.gnss, course
+def _raw(course: Course, start: Start) -> tuple[VelocityErrors | None, tuple[Note, ...], bool]:
+    """Return what fits range rates, what to say, and whether below four satellites mattered."""
+    declared, fitted, below = course.config.gnss, course, False
     for _ in range(_ROUNDS):
-        epochs = collected(fitted, start)
+        epochs, mattered = collected(fitted, start)
+        below |= mattered
         if sum(e.z.size for e in epochs) < _FEWEST:
-            return None, _declared("too few range rates after the start to fit it to")
+            return None, _declared("too few range rates after the start to fit it to"), below
         before = fitted.config.gnss
         # The prior's middle is what is declared, whatever the pass was made with.
         noise, walk = range_rate_noise(
@@ -107,7 +114,7 @@ def _raw(course: Course, start: Start) -> tuple[VelocityErrors | None, tuple[Not
                 f"satellites share what wanders by {walk:.2g} m/s/√s, which is no clock of "
                 f"{declared.clock_walk_mps:g}; gnss.clock_walk_mps, if it is one"
             )
-            return None, _declared(why)
+            return None, _declared(why), below
         # Up to there it is the velocity that jerks: the clock is believed as far as declared.
         after = dataclasses.replace(
             declared, doppler_sigma_mps=noise.sigma_45, doppler_floor_mps=noise.floor,
@@ -118,11 +125,11 @@ def _raw(course: Course, start: Start) -> tuple[VelocityErrors | None, tuple[Not
             break
     ratio = _at_45(after) / _at_45(declared)
     if ratio > _LARGEST:
-        return None, (_doubtful(ratio),)
+        return None, (_doubtful(ratio),), below
     found = (after.doppler_sigma_mps, after.doppler_floor_mps, after.clock_walk_mps)
     count = f"{sum(e.z.size for e in epochs)} range rates{fitted_part(course, start)}"
     said = plain([_said(after, ratio, count)])
-    return VelocityErrors(doppler=found), said
+    return VelocityErrors(doppler=found), said, below
 
 
 def _with(course: Course, gnss: GnssConfig) -> Course:
@@ -146,7 +153,7 @@ def _logs(gnss: GnssConfig) -> FloatArray:
 def _carried(course: Course, start: Start) -> tuple[VelocityErrors | None, tuple[Note, ...]]:
     scale, before, fitted = 1.0, 1.0, course
     for _ in range(_ROUNDS):
-        epochs = collected(fitted, start)
+        epochs, _ = collected(fitted, start)
         if 3 * len(epochs) < _FEWEST:
             return None, _declared("too few after the start to fit it to")
         before, scale = scale, velocity_scale(epochs, scale)

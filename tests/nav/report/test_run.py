@@ -8,10 +8,14 @@ from html.parser import HTMLParser
 import matplotlib
 import numpy as np
 import pytest
+from bokeh import embed
+from bokeh.core.validation import check_integrity
+from bokeh.model import collect_models
 
 from certnav.filters.errors import ConfigError
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.notes import Note
+from certnav.nav.page import plots
 from certnav.nav.page.board import Board
 from certnav.nav.page.pictures import save
 from certnav.nav.page.thinning import thin
@@ -63,6 +67,18 @@ class Page(HTMLParser):
             self.headings.append(data)
         if not {"style", "script"} & set(self.open):
             self.text += data
+
+
+@pytest.fixture(autouse=True)
+def checked(monkeypatch):
+    """Have Bokeh check the models of every page, which outside the tests it is spared."""
+
+    def components(models, **options):
+        found = check_integrity(collect_models(*models))
+        assert found.error == found.warning == []
+        return embed.components(models, **options)
+
+    monkeypatch.setattr(plots, "components", components)
 
 
 @pytest.fixture

@@ -20,6 +20,7 @@ from certnav.nav.pipeline import navigate
 from certnav.nav.spells.outages import parse_outages
 from certnav.nav.tune import candidates as listed
 from certnav.nav.tune import settings as tuning
+from certnav.nav.tune import trials
 from certnav.nav.tune.candidates import Candidate, candidates
 from certnav.nav.tune.choice import best, of_candidate
 from certnav.nav.tune.settings import decide, tune_settings
@@ -81,6 +82,23 @@ def test_errors_are_those_of_whole_runs(drive, found):
     assert found.rms(0, "as recorded") == pytest.approx(np.sqrt(np.mean(np.sum(error**2, axis=1))))
     assert found.candidates[0].name == "default"
     assert {g.part for g in found.groups} == {"as recorded", "weak GNSS"}
+
+
+def test_what_is_shared_changes_no_digit(drive, found):
+    """The table of candidates is that of runs each by itself."""
+    runs = []
+
+    def alone(sequence, config, *, prepared=None):
+        runs.append(config)
+        return navigate(sequence, config)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trials, "navigate", alone)
+        apart = tuned(drive)
+    assert len(runs) == 9  # the default twice as recorded, the weights of two halves
+    for one, two in zip(found.groups, apart.groups, strict=True):
+        np.testing.assert_array_equal(one.square, two.square)
+    assert found.changes == apart.changes and found.held == apart.held
 
 
 def test_what_hurts_is_seen_to_hurt_and_the_default_stays(drive, found):
