@@ -189,8 +189,8 @@ def _work(
             configs: tuple[Config, ...] = (candidate.config(base),) if not candidate.weights else ()
             if candidate.weights:
                 others = [o for o in ready if o is not one]
-                noise = weights_for(one, others, candidate.weights)
-                configs = tuple(candidate.config(base, n) for n in noise or ())
+                known = weights_for(one, others, candidate.weights)
+                configs = tuple(candidate.config(base, weights) for weights in known or ())
             if configs:
                 alike.setdefault(offered_by(configs[0]).gnss, []).append((number, configs))
         for number, configs in chain(*alike.values()):
@@ -236,7 +236,7 @@ def _settled(
             for row in trials
         )
     weights = tried[chosen].weights
-    noise = pooled([fit[weights] for fit in fits.values()]) if weights else None
+    known = pooled(ready, weights) if weights else None
     out = Settings(
         candidates=tuple(tried),
         groups=groups,
@@ -252,7 +252,7 @@ def _settled(
         knee=None,
         fits=fits,
         base=base,
-        config=tried[chosen].config(base, noise),
+        config=tried[chosen].config(base, known),
         outages=outages,
         notes=tuple(note for one in ready for note in one.notes),
     )
