@@ -43,6 +43,8 @@ from .trials import (
 OUTAGES = parse_outages("30/60:2-3")
 #: A change that three digits show: below, an interval beside zero says nothing of use.
 SEEN = 5e-4
+#: A change beyond tenfold is told as such: of few spells intervals reach anywhere.
+_HUGE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,8 +315,10 @@ def interval(value: Change) -> str:
     """Return a change in words."""
     if not np.isfinite([value.value, value.low, value.high]).all():
         return "not known"
-    numbers = (f"{100.0 * v:+.1f}".replace("-", "−") for v in (value.value, value.low, value.high))
-    middle, low, high = numbers
+    middle, low, high = (
+        f"{100.0 * v:+.1f}".replace("-", "−") if v < _HUGE else f"> +{100.0 * _HUGE:.0f}"
+        for v in (value.value, value.low, value.high)
+    )
     return f"{middle} % [{low}, {high}]"
 
 
