@@ -137,7 +137,8 @@ class _Ran:
             status = "doubtful"
         aligning = sum(leg.aligning for leg in made)
         rows = [leg.rows if smoothed else leg.causal for leg in made]
-        bare = trajectory_from_rows(np.vstack([part for part in rows if len(part)]))
+        kept = [part for part in rows if len(part)]
+        bare = trajectory_from_rows(kept[0] if len(kept) == 1 else np.vstack(kept))
         levels = [
             of_smoothed(leg.levels) if smoothed and leg.separation is not None else leg.levels
             for leg in made
