@@ -289,8 +289,8 @@ def covariance_step(P, F, Y, Z, Y9, noise):
 def _sample(gyro, accel, k, edges, offset, bias, inverse, out):
     """Fill mean rate, mean force and their slopes at `offset` from the middle of sample k.
 
-    They are corrected. Rates are taken as linear within a sample, with the slope to the sample before: pieces of
-    a split interval then add up to the whole. Across a gap the slope is unknown and left at 0.
+    They are corrected. Rates are taken as linear within a sample, with the slope to the sample
+    before: pieces of a split interval then add up to the whole. Across a gap it is left at 0.
     """
     width = edges[k + 1] - edges[k]
     before = edges[k] - edges[k - 1] if k > 0 else width
