@@ -49,4 +49,4 @@ def notice(kernel: Any) -> str:
     kept = Path(kernel.stats.cache_path).glob(name)
     if any(index.stat().st_mtime >= source.stat().st_mtime for index in kept):
         return ""
-    return "compiling, once on this machine: some 20 seconds more"
+    return "compiling, once on this machine: some ten seconds more"

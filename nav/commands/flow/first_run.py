@@ -52,12 +52,13 @@ KERNELS = {
 }  # fmt: skip
 #: How long each module takes, in tenths of all of it.
 _SHARES = {
-    "filters.compiled.kernels": 2.6, "alignment.solver.kernels": 1.6,
-    "alignment.solver.margin_kernels": 1.5, "alignment.in_motion.track_kernels": 1.3,
-    "alignment.in_motion.window_kernels": 1.3,
+    "filters.compiled.kernels": 2.7, "alignment.solver.kernels": 2.1,
+    "alignment.solver.margin_kernels": 1.5, "alignment.in_motion.window_kernels": 1.4,
+    "alignment.in_motion.track_kernels": 1.2, "filters.measurement_update": 0.6,
+    "nav.results.text": 0.5,
 }  # fmt: skip
 #: That of the others, and of a process before it compiles.
-_SMALL, _START = 0.4, 0.6
+_SMALL, _START = 0.2, 0.5
 _MOST_PROCESSES = 4
 #: How long another process is waited for, when ours is done [s].
 _PATIENCE = 120.0
