@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, MutableMapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,14 +59,29 @@ _LONGEST_DETOUR = 300.0
 _MANY = 30
 #: Reason given to rows of satellites that are wrong all the time.
 _WRONG = "contradicts the other satellites all the time"
+#: What single-point positions depend on.
+_OF_POSITIONS = (
+    "systems", "min_cn0_dbhz", "elevation_mask_deg", "ionosphere", "troposphere", "raim",
+    "code_sigma_m", "code_weak_sigma_m", "position_sigma_scale", "position_sigma_floor_m",
+)  # fmt: skip
 #: Rows of an epoch that tell which of them is wrong: two more than velocity and clock drift.
 _TESTED = 6
 #: 1σ per axis added to a least-squares velocity that no residual has checked [m/s].
 _UNCHECKED = 3.0
 
 
-def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
+def gnss_timeline(
+    sequence: Sequence, config: GnssConfig, positions: MutableMapping[tuple, Any] | None = None
+) -> GnssTimeline:
     """Return everything GNSS has to offer in `sequence` under `config`.
+
+    Parameters
+    ----------
+    sequence : Sequence
+    config : GnssConfig
+    positions : mapping, optional
+        Single-point positions of this recording that are known, by what they depend on; new ones
+        are added.
 
     Raises
     ------
@@ -94,7 +109,12 @@ def gnss_timeline(sequence: Sequence, config: GnssConfig) -> GnssTimeline:
     events, where, misfit, resolution = [], None, None, None
     faulty, wrong = (np.zeros(len(observations), dtype=bool) for _ in range(2))
     if position in ("spp", "rtk"):
-        events, where, faulty, wrong, doubts, misfit = _single_point(observations, sequence, config)
+        known = {} if positions is None else positions
+        key = tuple(getattr(config, name) for name in _OF_POSITIONS)
+        if key not in known:
+            known[key] = _single_point(observations, sequence, config)
+        made, where, faulty, wrong, doubts, misfit = known[key]
+        events = list(made)
         notes += doubts
         if position == "rtk":
             lost = ~np.isin(observations.time, where.time)  # code that no fix vouches for

@@ -84,7 +84,9 @@ class Leg:
 class Course:
     """All a leg is made of; the start, and the time it has taken to find [s], if it is known.
 
-    `blind` is where axes are frozen or clipped, `spells` what follows of that and of gaps.
+    `blind` is where axes are frozen or clipped, `spells` what follows of that and of gaps;
+    `below_four` tells whether what Doppler does below four satellites has mattered to the noise
+    that was fitted.
     """
 
     events: tuple[GnssEvent, ...]
@@ -96,6 +98,7 @@ class Course:
     config: Config
     start: tuple[Start, float] | None = None
     blind: tuple[Stretch, ...] = ()
+    below_four: bool = False
 
 
 def legs(course: Course, report: Callable[[float, str], None]) -> Iterator[Leg]:

@@ -1,14 +1,17 @@
 """One recording as every run over it has it: GNSS, the start, the noise of what GNSS offers.
 
 What a run does with them depends on its method; they do not. Whoever runs several methods over one
-recording has them computed once, and what then differs is the method alone.
+recording has them computed once, and what then differs is the method alone. Or else (`own_noise`)
+every run is what it is by itself, to the last digit, and shares what is the same for others.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import time
+from collections import OrderedDict
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +37,16 @@ Key = tuple[AlignmentConfig, FilterConfig, GnssConfig, VehicleConfig]
 #: Noise of velocities and of positions, and what to say of it.
 Fitted = tuple[VelocityErrors | None, FixErrors | None, tuple[Note, ...]]
 
+#: What Doppler does below four satellites.
+_BELOW_FOUR = ("below_four", "forward_motion", "ddia_min_k", "ddia_min_cn0_dbhz")
+#: What of its settings changes nothing of what GNSS offers: the filter goes by it alone.
+_OF_THE_FILTER = (
+    *_BELOW_FOUR[1:], "clock_walk_mps", "doppler_hold_off_s", "position_noise", "velocity_noise",
+    "doppler_known_mps", "position_correlation_s", "delay_sigma_s",
+)  # fmt: skip
+#: So many configurations of GNSS are kept: what they offer is as large as the recording.
+_KEPT = 4
+
 
 class Prepared:
     """What the runs over one recording have in common, each part computed when first asked for.
@@ -46,6 +59,10 @@ class Prepared:
     sequence : Sequence
     starts : mapping, optional
         Starts that are known already, as of `starts` of another one.
+    own_noise : bool
+        Fit it with each run's own configuration instead, as `navigate` does by itself: once for all
+        that provably have the same, which what Doppler does below four satellites does not change
+        where there are four throughout.
 
     Attributes
     ----------
@@ -53,20 +70,33 @@ class Prepared:
         Start, and the time it took to find [s], by what it depends on of a configuration.
     """
 
-    def __init__(self, sequence: Sequence, starts: Mapping[Key, Found] | None = None) -> None:
-        self.sequence = sequence
+    def __init__(
+        self,
+        sequence: Sequence,
+        starts: Mapping[Key, Found] | None = None,
+        *,
+        own_noise: bool = False,
+    ) -> None:
+        self.sequence, self.own_noise = sequence, own_noise
         self.starts: dict[Key, Found] = dict(starts or {})
         imu = sequence.inertial
         self._stream = InertialStream(imu.time, imu.gyro_b, imu.accel_b)
-        self._timelines: dict[GnssConfig, GnssTimeline] = {}
+        self._positions: OrderedDict[tuple, Any] = OrderedDict()
+        self._timelines: OrderedDict[GnssConfig, GnssTimeline] = OrderedDict()
         self._noise: dict[Key, Fitted] = {}
+        self._noise_above: dict[Key, Fitted] = {}  # of four satellites and more throughout
         self._failed: dict[Key, str] = {}
 
     def timeline(self, config: Config) -> GnssTimeline:
         """Return all that GNSS has to offer under a configuration."""
-        if config.gnss not in self._timelines:
-            self._timelines[config.gnss] = gnss_timeline(self.sequence, config.gnss)
-        return self._timelines[config.gnss]
+        key = offered_by(config).gnss
+        if key not in self._timelines:
+            self._timelines[key] = gnss_timeline(self.sequence, config.gnss, self._positions)
+        self._timelines.move_to_end(key)
+        for known in (self._timelines, self._positions):
+            while len(known) > _KEPT:
+                known.popitem(last=False)
+        return self._timelines[key]
 
     def start(self, config: Config) -> Found:
         """Return the start under a configuration, and the time it took to find [s].
@@ -76,8 +106,8 @@ class Prepared:
         AlignmentError
             Why there is none.
         """
-        plain = plain_run(config)
-        key = _key(plain)
+        plain = config if self.own_noise else plain_run(config)
+        key = _key(offered_by(plain))
         if key in self._failed:
             raise AlignmentError(self._failed[key])
         if key not in self.starts:
@@ -111,24 +141,32 @@ class Prepared:
             course, _, said = with_fitted_velocities(course, _silent)
             course, errors, notes = with_fitted_noise(course, timeline.misfit, _silent)
             return course, timeline, errors, (*said, *notes)
-        velocities, errors, notes = self._errors(config)
+        velocities, errors, notes = self.noise(config)
         if velocities is not None:
             course = with_velocities(course, velocities)
         if errors is not None:
             course = with_noise(course, errors)
         return course, timeline, errors, notes
 
-    def _errors(self, config: Config) -> Fitted:
-        plain = plain_run(config)
-        key = _key(plain)
-        if key not in self._noise:
-            timeline = self.timeline(plain)
-            course = course_over(self.sequence, self._stream, timeline, plain)
-            course = dataclasses.replace(course, start=self.start(plain))
-            course, velocities, said = with_fitted_velocities(course, _silent)
-            _, errors, notes = with_fitted_noise(course, timeline.misfit, _silent)
-            self._noise[key] = velocities, errors, (*said, *notes)
-        return self._noise[key]
+    def noise(self, config: Config) -> Fitted:
+        """Return what fits velocities and positions, and what to say of it."""
+        plain = config if self.own_noise else plain_run(config)
+        key, above = _key(plain), _key(_as_usual(plain, _BELOW_FOUR))
+        found = self._noise.get(key) or self._noise_above.get(above)
+        if found is not None:
+            return found
+        timeline = self.timeline(plain)
+        course = course_over(self.sequence, self._stream, timeline, plain)
+        course = dataclasses.replace(course, start=self.start(plain))
+        course, velocities, said = with_fitted_velocities(course, _silent)
+        course, errors, notes = with_fitted_noise(course, timeline.misfit, _silent)
+        found = velocities, errors, (*said, *notes)
+        few = course.below_four or any(event.kind == "doppler" for event in timeline.events)
+        if few or plain.gnss.below_four == "off":  # then such epochs are no events
+            self._noise[key] = found
+        else:
+            self._noise_above[above] = found
+        return found
 
 
 def course_over(
@@ -181,6 +219,19 @@ def without_constraints(config: Config) -> Config:
     """Return a configuration in which nothing is asked of the vehicle."""
     vehicle = dataclasses.replace(config.vehicle, nhc="off", odometer="off", zupt=False, zaru=False)
     return dataclasses.replace(config, vehicle=vehicle)
+
+
+def offered_by(config: Config) -> Config:
+    """Return a configuration under which GNSS offers the same, the rest of it as by default."""
+    few = config.gnss.below_four != "off"  # what two or three satellites are used for is no matter
+    return _as_usual(config, (*_OF_THE_FILTER, "below_four") if few else _OF_THE_FILTER)
+
+
+def _as_usual(config: Config, names: tuple[str, ...]) -> Config:
+    """Return a configuration with these settings of GNSS as they are by default."""
+    usual = GnssConfig()
+    gnss = dataclasses.replace(config.gnss, **{name: getattr(usual, name) for name in names})
+    return dataclasses.replace(config, gnss=gnss)
 
 
 def _key(plain: Config) -> Key:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from collections.abc import Sequence as Listing
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -18,19 +19,32 @@ from ...datasets.sequence import Sequence
 from ...filters.errors import ConfigError, DataError
 from ...filters.rotation import FloatArray
 from ...velocity.doppler_noise import NoiseFit
-from ..config import Config
+from ..config import Config, GnssConfig
+from ..engine.prepared import offered_by
 from ..spells.outages import Outages, parse_outages
 from ..sweep.drives import Source, drive
 from ..sweep.parallel import in_parallel
 from ..sweep.shared import Shared
 from .candidates import SNR, Candidate, K, candidates
 from .choice import Change, Group, best, by_time, change, cross_validated, of_candidate
-from .trials import FOLDS, Prepared, Trial, centres, pooled, prepare, try_out, weights_for
+from .trials import (
+    FOLDS,
+    Prepared,
+    Trial,
+    centres,
+    forget,
+    pooled,
+    prepare,
+    try_out,
+    weights_for,
+)
 
 #: Two or three satellites, of any strength, for half of the time.
 OUTAGES = parse_outages("30/60:2-3")
 #: A change that three digits show: below, an interval beside zero says nothing of use.
 SEEN = 5e-4
+#: A change beyond tenfold is told as such: of few spells intervals reach anywhere.
+_HUGE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,24 +172,32 @@ def tune_settings(
     for done, (trial, (number, recording)) in enumerate(zip(found, where, strict=True), 1):
         trials[number][recording] = trial
         say(done / len(work), f"{tried[number].name}: {ready[recording].name}")
+    forget()
     return _settled(tried, ready, trials, base, outages)
 
 
 def _work(
     drives: list[Shared[Sequence]], ready: list[Prepared], tried: list[Candidate], base: Config
 ) -> tuple[list[tuple], list[tuple[int, int]]]:
-    """Return the calls of all trials, drive by drive, and the candidate and recording of each."""
-    work, where = [], []
+    """Return the calls of all trials, drive by drive, and the candidate and recording of each.
+
+    Candidates with the same GNSS follow one another: that is kept for them, but not for long.
+    """
+    work: list[tuple] = []
+    where: list[tuple[int, int]] = []
     for recording, (source, one) in enumerate(zip(drives, ready, strict=True)):
+        alike: dict[GnssConfig, list[tuple[int, tuple]]] = {}
         for number, candidate in enumerate(tried):
             configs: tuple[Config, ...] = (candidate.config(base),) if not candidate.weights else ()
             if candidate.weights:
                 others = [o for o in ready if o is not one]
-                noise = weights_for(one, others, candidate.weights)
-                configs = tuple(candidate.config(base, n) for n in noise or ())
+                known = weights_for(one, others, candidate.weights)
+                configs = tuple(candidate.config(base, weights) for weights in known or ())
             if configs:
-                work.append((source, one, configs))
-                where.append((number, recording))
+                alike.setdefault(offered_by(configs[0]).gnss, []).append((number, configs))
+        for number, configs in chain(*alike.values()):
+            work.append((source, one, configs))
+            where.append((number, recording))
     return work, where
 
 
@@ -216,7 +238,7 @@ def _settled(
             for row in trials
         )
     weights = tried[chosen].weights
-    noise = pooled([fit[weights] for fit in fits.values()]) if weights else None
+    known = pooled(ready, weights) if weights else None
     out = Settings(
         candidates=tuple(tried),
         groups=groups,
@@ -232,7 +254,7 @@ def _settled(
         knee=None,
         fits=fits,
         base=base,
-        config=tried[chosen].config(base, noise),
+        config=tried[chosen].config(base, known),
         outages=outages,
         notes=tuple(note for one in ready for note in one.notes),
     )
@@ -293,8 +315,10 @@ def interval(value: Change) -> str:
     """Return a change in words."""
     if not np.isfinite([value.value, value.low, value.high]).all():
         return "not known"
-    numbers = (f"{100.0 * v:+.1f}".replace("-", "−") for v in (value.value, value.low, value.high))
-    middle, low, high = numbers
+    middle, low, high = (
+        f"{100.0 * v:+.1f}".replace("-", "−") if v < _HUGE else f"> +{100.0 * _HUGE:.0f}"
+        for v in (value.value, value.low, value.high)
+    )
     return f"{middle} % [{low}, {high}]"
 
 

@@ -5,10 +5,15 @@ for: the horizontal error block by block of the recording as it is, and the drif
 in which a few satellites are left. Weights are never judged on what they were fitted to: in the
 first half of a recording they are those fitted to the second, and the other way round; where there
 are three recordings or more, those fitted to the others.
+
+Every run is what `certnav run` would do, to the last digit; what is the same for several of them is
+computed once (`nav.engine.prepared`).
 """
 
 from __future__ import annotations
 
+import threading
+import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -23,12 +28,15 @@ from ...velocity.doppler_noise import NoiseFit, fit_doppler_noise, reference_res
 from ...velocity.range_rate import DopplerNoise
 from ...velocity.study.samples import reference_samples
 from ..config import Config
+from ..engine.events import doppler_noise
+from ..engine.prepared import Prepared as Common
 from ..evaluation.accuracy import Evaluation, evaluate
 from ..pipeline import navigate
 from ..solution import Solution
 from ..spells.degradation import degrade
 from ..spells.drift import as_reference, spell_figures
 from ..spells.outages import Outages, Spell
+from .candidates import Weights
 
 #: Errors of positions last for seconds to a minute: blocks are as long, or one twelfth of the
 #: recording, whichever is longer; a recording of a minute has three.
@@ -58,9 +66,16 @@ class Prepared:
         Takes the place of a reference that is missing: the default's own smoothed solution.
     fits : dict
         By (spread, which): Doppler noise fitted to 'all', to the 'first' and the 'second' half.
+    shown : tuple of float
+        σ of range rates that the recording shows by itself at 35 and 45 dB-Hz [m/s]; empty where
+        too few.
+    declared : DopplerNoise
+        As the user's settings have it.
     least_cn0, least_elevation : float
         Satellites weaker or lower no candidate uses [dB-Hz], [deg].
     notes : tuple of str
+    key : str
+        What tells it from others.
     """
 
     name: str
@@ -70,9 +85,12 @@ class Prepared:
     outages: Outages
     judge: Reference | None
     fits: Mapping[tuple[str, str], NoiseFit]
+    shown: tuple[float, ...]
+    declared: DopplerNoise
     least_cn0: float
     least_elevation: float
     notes: tuple[str, ...] = ()
+    key: str = field(default_factory=lambda: uuid.uuid4().hex)
 
     @property
     def middle(self) -> float:
@@ -99,6 +117,22 @@ class Trial:
     reason: str = ""
 
 
+class _Last(threading.local):
+    """What the runs over the last recording of this thread have in common, as it is and weak."""
+
+    key: str = ""
+    plain: Common | None = None
+    weak: Common | None = None
+
+
+_LAST = _Last()
+
+
+def forget() -> None:
+    """Let go of what runs over the last recording had in common."""
+    _LAST.key, _LAST.plain, _LAST.weak = "", None, None
+
+
 def prepare(
     sequence: Sequence, config: Config, outages: Outages, least_cn0: float, least_elevation: float
 ) -> Prepared:
@@ -115,8 +149,9 @@ def prepare(
             f"{sequence.name}: no Doppler: nothing of what is tuned would be used",
             remedy="its settings are the defaults, or see certnav run's options for positions",
         )
+    common, config = Common(sequence, own_noise=True), _unprotected(config)
     try:
-        solution = navigate(sequence, config)
+        solution = navigate(sequence, config, prepared=common)
     except AlignmentError as error:  # of several recordings, this one
         raise DataError(f"{sequence.name}: cannot be navigated: {error}") from None
     notes, judge = [], None
@@ -141,10 +176,17 @@ def prepare(
     if not spells:
         notes.append(f"{sequence.name}: too short for a spell of weak GNSS ({outages.text})")
     fits, more = _fits(sequence, 0.5 * float(time[0] + time[-1]))
-    return Prepared(
-        sequence.name, time, block, tuple(spells), outages, judge, fits, least_cn0, least_elevation,
-        (*notes, *more),
+    own = replace(config, gnss=replace(config.gnss, velocity_noise="fitted", doppler_known_mps=()))
+    velocities, _, _ = common.noise(own)
+    prepared = Prepared(
+        sequence.name, time, block, tuple(spells), outages, judge, fits,
+        velocities.shown if velocities else (), doppler_noise(config.gnss), least_cn0,
+        least_elevation, (*notes, *more),
     )  # fmt: skip
+    forget()
+    if judge is None:
+        _LAST.key, _LAST.plain = prepared.key, common
+    return prepared
 
 
 def _spells(
@@ -191,9 +233,8 @@ def try_out(sequence: Sequence, prepared: Prepared, configs: tuple[Config, ...])
     configs : tuple of Config
         One; or two, for the first half of the recording and for the second.
     """
-    if prepared.judge is not None:
-        sequence = replace(sequence, reference=prepared.judge)
-    parts = [_judged(sequence, prepared, config) for config in configs]
+    plain, weak = _in_common(sequence, prepared)
+    parts = [_judged(plain, weak, prepared, config) for config in configs]
     if reasons := [part.reason for part in parts if part.reason]:
         return Trial(reason=reasons[0])
     if len(parts) == 1:
@@ -218,20 +259,46 @@ def centres(prepared: Prepared) -> dict[str, FloatArray]:
     return out
 
 
-def _judged(sequence: Sequence, prepared: Prepared, config: Config) -> Trial:
+def _in_common(sequence: Sequence, prepared: Prepared) -> tuple[Common, Common | None]:
+    """Return what all runs have in common over a recording as it is, and with its spells."""
+    if _LAST.key != prepared.key or _LAST.plain is None:
+        forget()
+        if prepared.judge is not None:
+            sequence = replace(sequence, reference=prepared.judge)
+        _LAST.plain, _LAST.key = Common(sequence, own_noise=True), prepared.key
+    if prepared.spells and _LAST.weak is None:
+        weak = degrade(
+            _LAST.plain.sequence, prepared.spells, prepared.outages,
+            min_cn0_dbhz=prepared.least_cn0, elevation_mask_deg=prepared.least_elevation,
+        )  # fmt: skip
+        _LAST.weak = Common(weak, own_noise=True)
+    return _LAST.plain, _LAST.weak
+
+
+def _judged(plain: Common, weak: Common | None, prepared: Prepared, config: Config) -> Trial:
     square: dict[str, FloatArray] = {}
     held = float("nan")
+    config = _unprotected(config)
     try:
         if prepared.judge is None:
-            plain = evaluate(navigate(sequence, config), sequence)
-            error = _horizontal_square(plain, prepared)
+            error = _horizontal_square(_run(plain, config)[1], prepared)
             count = np.bincount(prepared.block)
             square["as recorded"] = np.bincount(prepared.block, error) / np.maximum(count, 1)
-        if prepared.spells:
-            square["weak GNSS"], held = _drifts(sequence, prepared, config)
+        if weak is not None:
+            square["weak GNSS"], held = _drifts(weak, prepared, config)
     except NavError as error:
         return Trial(reason=str(error))
     return Trial(square, held)
+
+
+def _unprotected(config: Config) -> Config:
+    """Return a configuration without protection levels: they change nothing of what is judged."""
+    return replace(config, filter=replace(config.filter, protection_risk=0.0))
+
+
+def _run(common: Common, config: Config) -> tuple[Solution, Evaluation]:
+    solution = navigate(common.sequence, config, prepared=common)
+    return solution, evaluate(solution, common.sequence)
 
 
 def _horizontal_square(evaluation: Evaluation, prepared: Prepared) -> FloatArray:
@@ -249,14 +316,9 @@ def _horizontal_square(evaluation: Evaluation, prepared: Prepared) -> FloatArray
     return np.sum(evaluation.error_pos_n[there, :2] ** 2, axis=1)
 
 
-def _drifts(sequence: Sequence, prepared: Prepared, config: Config) -> tuple[FloatArray, float]:
+def _drifts(weak: Common, prepared: Prepared, config: Config) -> tuple[FloatArray, float]:
     """Return squared drifts of the spells [m²], and the share of their epochs with an update."""
-    weak = degrade(
-        sequence, prepared.spells, prepared.outages, min_cn0_dbhz=prepared.least_cn0,
-        elevation_mask_deg=prepared.least_elevation,
-    )  # fmt: skip
-    solution = navigate(weak, config)
-    evaluation = evaluate(solution, weak)
+    solution, evaluation = _run(weak, config)
     figures = [spell_figures(evaluation, spell) for spell in prepared.spells]
     if any(f is None for f in figures):
         raise DataError("no solution in a spell where the default has one")
@@ -272,19 +334,30 @@ def _drifts(sequence: Sequence, prepared: Prepared, config: Config) -> tuple[Flo
 
 def weights_for(
     prepared: Prepared, others: list[Prepared], spread: str
-) -> tuple[DopplerNoise, ...] | None:
+) -> tuple[Weights, ...] | None:
     """Return the weights this recording may be judged with: none of them fitted to that part."""
     if len(others) >= 2:
-        fits = [o.fits[spread, "all"] for o in others if (spread, "all") in o.fits]
-        return (pooled(fits),) if fits else None
-    if (spread, "first") not in prepared.fits:
+        found = pooled(others, spread)
+        return None if found is None else (found,)
+    if spread == "declared":
+        alone = pooled([prepared], spread)
+        return None if alone is None else (alone,)
+    if not prepared.shown or (spread, "first") not in prepared.fits:
         return None
-    return prepared.fits[spread, "second"].noise, prepared.fits[spread, "first"].noise
+    halves = (prepared.fits[spread, which].noise for which in ("second", "first"))
+    return tuple(Weights(noise, prepared.shown) for noise in halves)
 
 
-def pooled(fits: list[NoiseFit]) -> DopplerNoise:
-    """Return the geometric mean of noise models, each receiver counting once."""
-    return DopplerNoise(
-        float(np.exp(np.mean([np.log(f.noise.sigma_45) for f in fits]))),
-        float(np.exp(np.mean([np.log(f.noise.floor) for f in fits]))),
-    )
+def pooled(recordings: list[Prepared], spread: str) -> Weights | None:
+    """Return the geometric mean of what recordings have shown, each counting once."""
+    noise, shown = [], []
+    for one in recordings:
+        fit = one.fits.get((spread, "all"))
+        if one.shown and (fit is not None or spread == "declared"):
+            noise.append(one.declared if fit is None else fit.noise)
+            shown.append(one.shown)
+    if not noise:
+        return None
+    numbers = [(n.sigma_45, n.floor, *own) for n, own in zip(noise, shown, strict=True)]
+    sigma, floor, *both = np.exp(np.mean(np.log(numbers), axis=0)).tolist()
+    return Weights(DopplerNoise(sigma, floor), tuple(both))

@@ -67,7 +67,8 @@ def with_fitted_noise(
     else:
         start = course.start[0]
     report(0.0, "noise of positions")
-    used, found = loose_pass(course, start)
+    used, found, below = loose_pass(course, start)
+    course = dataclasses.replace(course, below_four=course.below_four or below)
     if len(found) < _FEWEST:
         return course, None, _declared(f"only {len(found)} after the start to fit it to")
     if misfit is None:

@@ -19,7 +19,7 @@ from ..watch.sanity import Lost
 from .estimate import Innovations
 
 
-def loose_pass(course: Course, start: Start) -> tuple[list[GnssEvent], Innovations]:
+def loose_pass(course: Course, start: Start) -> tuple[list[GnssEvent], Innovations, bool]:
     """Return the positions after a start, and what they differ by from a filter without them.
 
     Parameters
@@ -33,6 +33,8 @@ def loose_pass(course: Course, start: Start) -> tuple[list[GnssEvent], Innovatio
         Where the filter is lost before the end of the data, those until then; of a recording of
         many hours those of the first (`legs.FITTED_TO`). Positions with
         resolved ambiguities are not among them.
+    below_four : bool
+        Whether what Doppler does below four satellites has mattered.
     """
     config = dataclasses.replace(
         course.config,
@@ -62,7 +64,8 @@ def loose_pass(course: Course, start: Start) -> tuple[list[GnssEvent], Innovatio
     value_n, filter_n, declared_n = (
         np.array([row[k] for row in seen]).reshape(-1, 3) for k in range(3)
     )
-    return used, Innovations(time, value_n, filter_n, declared_n, _kept(used))
+    found = Innovations(time, value_n, filter_n, declared_n, _kept(used))
+    return used, found, loop.below_four
 
 
 def _innovation(

@@ -61,10 +61,11 @@ class Epoch:
         )  # fmt: skip
 
 
-def collected(course: Course, start: Start) -> list[Epoch]:
+def collected(course: Course, start: Start) -> tuple[list[Epoch], bool]:
     """Return the innovations of what was offered, to where the filter is lost or the data end.
 
-    Of a recording of many hours those of the first (`legs.FITTED_TO`).
+    Of a recording of many hours those of the first (`legs.FITTED_TO`). With them comes whether what
+    Doppler does below four satellites has mattered.
 
     Parameters
     ----------
@@ -105,7 +106,7 @@ def collected(course: Course, start: Start) -> list[Epoch]:
                 out.append(seen.take(np.flatnonzero(np.isin(seen.names, update.satellites))))
     except (Diverged, Lost):
         pass
-    return out
+    return out, loop.below_four
 
 
 def _innovations(course: Course, kalman: ErrorStateFilter, event: GnssEvent, since: float) -> Epoch:

@@ -79,7 +79,65 @@ def test_start_and_gnss_are_computed_once(drive, monkeypatch):
         gnss = dataclasses.replace(PLAIN.gnss, below_four=below_four)
         for config in (Config(), PLAIN, SMOOTH):
             navigate(drive, dataclasses.replace(config, gnss=gnss), prepared=prepared)
-    assert counts == {"found_start": 1, "gnss_timeline": 3, "with_fitted_noise": 1}
+    assert counts == {"found_start": 1, "gnss_timeline": 2, "with_fitted_noise": 1}
+
+
+def _with(config, **gnss):
+    return dataclasses.replace(config, gnss=dataclasses.replace(config.gnss, **gnss))
+
+
+BELOW_FOUR = (
+    {},
+    {"below_four": "ddia"},
+    {"below_four": "ddia", "ddia_min_k": 0.9, "ddia_min_cn0_dbhz": 30.0},
+    {"below_four": "off"},
+)
+
+
+@pytest.mark.parametrize("few", [False, True])
+def test_with_its_own_noise_a_run_is_what_it_is_by_itself_and_shares_no_more(
+    drive, few, monkeypatch
+):
+    """Where there are four satellites throughout, what is done below changes no fit."""
+    seen = drive.observations
+    names, count = np.unique(seen.sat[seen.usable], return_counts=True)
+    steady = np.isin(seen.sat, names[np.argsort(-count)][: 2 if few else 8])
+    late = seen.time > drive.inertial.time[0] + 70.0
+    kept = np.ones(len(seen), dtype=bool) if not few else steady | ~late
+    sequence = dataclasses.replace(drive, observations=seen.take(kept))
+    if not few:
+        strong = np.where(seen.usable, 50.0, seen.cn0)
+        sequence = dataclasses.replace(drive, observations=dataclasses.replace(seen, cn0=strong))
+    calls = []
+    real = module.with_fitted_noise
+    monkeypatch.setattr(module, "with_fitted_noise", lambda *a: calls.append(1) or real(*a))
+    prepared = Prepared(sequence, own_noise=True)
+    for changes in BELOW_FOUR:
+        config = _with(Config(), **changes)
+        _same(navigate(sequence, config, prepared=prepared), navigate(sequence, config))
+    assert len(calls) == (len(BELOW_FOUR) if few else 1)
+
+
+def test_timelines_are_shared_by_what_offers_the_same(drive):
+    """None of these settings changes an event."""
+    plain = module.gnss_timeline(drive, Config().gnss)
+    others = {
+        "below_four": "ddia", "forward_motion": "on", "ddia_min_k": 0.7, "ddia_min_cn0_dbhz": 31.0,
+        "clock_walk_mps": 0.3, "doppler_hold_off_s": 9.0, "position_noise": "declared",
+        "velocity_noise": "declared", "doppler_known_mps": (0.1, 0.02, 0.2, 0.1),
+        "position_correlation_s": 3.0, "delay_sigma_s": 0.1,
+    }  # fmt: skip
+    assert set(others) == {"below_four", *module._OF_THE_FILTER}
+    changed = _with(Config(), **others)
+    assert module.offered_by(changed) == module.offered_by(Config())
+    other = module.gnss_timeline(drive, changed.gnss)
+    assert other.notes == plain.notes and len(other.events) == len(plain.events) > 100
+    for one, two in zip(plain.events, other.events, strict=True):
+        assert (one.time, one.kind, one.reason) == (two.time, two.kind, two.reason)
+        np.testing.assert_array_equal(one.value_e, two.value_e)
+        np.testing.assert_array_equal(one.cov_e, two.cov_e)
+    for key in ("min_cn0_dbhz", "doppler_sigma_mps"):
+        assert module.offered_by(_with(Config(), **{key: 36.0})) != module.offered_by(Config())
 
 
 def test_without_gnss_after_the_start_there_is_none(drive):
