@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import Any
 
 from ..filters.errors import ConfigError
 from ..filters.sensors import PRESETS
 from .vehicles import VEHICLES
-
-T = TypeVar("T")
 
 #: Shortest window of certified alignment in motion [s].
 SHORTEST_WINDOW = 5.0
@@ -217,6 +215,9 @@ class GnssConfig:
         How large the errors of Doppler (by C/N0), of the receiver's clock and of velocities a set
         carries are: as fits the recording (`nav.engine.velocity_noise`), or as declared. What is
         too short for a fit is taken as declared; so is live data. A note says which.
+    doppler_known_mps : list of four numbers
+        Noise as `certnav tune` found it, σ and floor, and σ that its recordings show by themselves
+        at 35 and 45 dB-Hz: in force instead of 'fitted' where a recording shows the same.
     position_correlation_s : float
         As declared: correlation time of the errors of single-point positions, which are then a
         state; 0: each position's error is its own. Positions a set carries are taken as such.
@@ -255,6 +256,7 @@ class GnssConfig:
     doppler_hold_off_s: float = 1.5
     position_noise: str = "fitted"
     velocity_noise: str = "fitted"
+    doppler_known_mps: tuple[float, ...] = ()
     position_correlation_s: float = 10.0
     delay_sigma_s: float = 0.0
     position_sigma_scale: float = 1.0
@@ -266,11 +268,10 @@ class GnssConfig:
         _choice("gnss.position", self.position, ("auto", "spp", "rtk", "carried", "none"))
         if "\0" in self.base:
             raise ConfigError(f"gnss.base: expected a path, found {self.base!r}")
-        if len(self.base_position_e_m) not in (0, 3):
-            raise ConfigError(
-                "gnss.base_position_e_m: expected X, Y, Z in metres, found "
-                f"{list(self.base_position_e_m)}"
-            )
+        if len(base := self.base_position_e_m) not in (0, 3):
+            raise ConfigError(f"gnss.base_position_e_m: expected X, Y, Z [m], found {[*base]}")
+        if len(known := self.doppler_known_mps) not in (0, 4) or not all(v > 0.0 for v in known):
+            raise ConfigError(f"gnss.doppler_known_mps: expected 4 numbers > 0, found {[*known]}")
         for letter in self.systems:
             _choice("gnss.systems", letter, tuple("GREJC"))
         _choice("gnss.frequencies", str(self.frequencies), ("0", "1", "2", "3"))

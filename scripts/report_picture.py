@@ -70,7 +70,7 @@ def main() -> None:
     arguments = parser.parse_args()
     # Colours near to each other stay apart: the track's are what the picture is about.
     image = picture(arguments.page).quantize(
-        256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
+        256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
     )
     image.save(arguments.out, optimize=True)
     print(arguments.out, image.size)

@@ -56,10 +56,7 @@ def build_page(report: Report, sequence: Sequence | None) -> str:
 
 
 def _verdict(report: Report) -> str:
-    worst = next((f for f in report.findings if f.severity != "note"), None)
-    text = f"It {report.verdict}."
-    more = "" if worst is None else f" {escape(worst.line)}."
-    return f'<p class="verdict"><strong>{escape(text)}</strong>{more}</p>'
+    return f'<p class="verdict"><strong>{escape(f"It {report.verdict}.")}</strong></p>'
 
 
 def _findings(report: Report, severity: str, board: Board) -> str:

@@ -42,7 +42,7 @@ _BELOW_FOUR = ("below_four", "forward_motion", "ddia_min_k", "ddia_min_cn0_dbhz"
 #: What of its settings changes nothing of what GNSS offers: the filter goes by it alone.
 _OF_THE_FILTER = (
     *_BELOW_FOUR[1:], "clock_walk_mps", "doppler_hold_off_s", "position_noise", "velocity_noise",
-    "position_correlation_s", "delay_sigma_s",
+    "doppler_known_mps", "position_correlation_s", "delay_sigma_s",
 )  # fmt: skip
 #: So many configurations of GNSS are kept: what they offer is as large as the recording.
 _KEPT = 4
@@ -141,14 +141,15 @@ class Prepared:
             course, _, said = with_fitted_velocities(course, _silent)
             course, errors, notes = with_fitted_noise(course, timeline.misfit, _silent)
             return course, timeline, errors, (*said, *notes)
-        velocities, errors, notes = self._errors(config)
+        velocities, errors, notes = self.noise(config)
         if velocities is not None:
             course = with_velocities(course, velocities)
         if errors is not None:
             course = with_noise(course, errors)
         return course, timeline, errors, notes
 
-    def _errors(self, config: Config) -> Fitted:
+    def noise(self, config: Config) -> Fitted:
+        """Return what fits velocities and positions, and what to say of it."""
         plain = config if self.own_noise else plain_run(config)
         key, above = _key(plain), _key(_as_usual(plain, _BELOW_FOUR))
         found = self._noise.get(key) or self._noise_above.get(above)

@@ -154,7 +154,8 @@ class Board(Plots):
         if isinstance(y_range, FactorRange):
             return CategoricalAxis(), CategoricalScale()
         if logarithmic:
-            return LogAxis(), LogScale()
+            marks = {"ticker": FixedTicker(ticks=list(ticks))} if ticks else {}
+            return LogAxis(**marks), LogScale()
         if ticks:
             return LinearAxis(ticker=FixedTicker(ticks=list(ticks))), self._scale
         return LinearAxis(ticker=self._ticker), self._scale

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from bokeh.models import Plot, Span
 
+from ...filters.rotation import FloatArray
 from ..page.palette import BLUE, GREY, INK, ORANGE, VERMILLION
 from .timeline import Timeline
 
@@ -22,8 +23,14 @@ def protection(panels: Timeline) -> list[list[Plot]]:
     off = np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
     rows = []
     for k, name in enumerate(("horizontal", "vertical")):
-        plot = panels.panel(f"{name} [m]", f"{name.capitalize()}: level, error, σ",
-                            logarithmic=True)  # fmt: skip
+        what = "level, error, σ" if evaluation.has_reference else "level and σ"
+        drawn = [
+            trajectory.protection[:, k],
+            sigma[k],
+            *([off[k]] if evaluation.has_reference else []),
+        ]
+        plot = panels.panel(f"{name} [m]", f"{name.capitalize()}: {what}", logarithmic=True,
+                            ticks=_marks(np.concatenate(drawn)))  # fmt: skip
         panels.line(
             plot, panels.t, trajectory.protection[:, k], VERMILLION, "protection level", "m"
         )
@@ -55,3 +62,18 @@ def separation(panels: Timeline) -> list[list[Plot]]:
         plot.add_layout(Span(location=3.0, dimension="width", line_color=GREY, line_dash="dashed"))
         rows.append([plot])
     return rows
+
+
+def _marks(drawn: FloatArray) -> list[float]:
+    """Return the numbers of a logarithmic ordinate of few decades; none: it finds its own.
+
+    Within two decades Bokeh counts 1, 2, 3 … evenly: low values get none, high ones overlap.
+    """
+    known = drawn[np.isfinite(drawn) & (drawn > 0.0)]
+    if not known.size:
+        return []
+    low, high = np.log10([known.min(), known.max()])
+    if high - low > 2.0:
+        return []
+    decades = 10.0 ** np.arange(np.floor(low), np.ceil(high) + 1.0)
+    return [float(f"{m * d:.0e}") for d in decades for m in (1, 2, 5)]

@@ -11,6 +11,7 @@ where it is needed. Calls that share something should follow one another.
 from __future__ import annotations
 
 import os
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -78,6 +79,8 @@ def in_parallel(
         return
     from joblib import Parallel, delayed
 
+    # A process that has grown by the drive it has opened is replaced: nothing is lost.
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs were given")
     parallel = Parallel(n_jobs=jobs, return_as="generator", batch_size=1)
     yield from parallel(delayed(called)(function, call) for call in calls)
 

@@ -23,6 +23,29 @@ _WEIGHTS = {
 
 
 @dataclass(frozen=True)
+class Weights:
+    """Noise of range rates as a reference has shown it.
+
+    Parameters
+    ----------
+    noise : DopplerNoise
+    shown : tuple of float
+        σ that the same recordings show by themselves at 35 and 45 dB-Hz [m/s].
+    """
+
+    noise: DopplerNoise
+    shown: tuple[float, ...]
+
+    def keys(self) -> dict[str, Any]:
+        """Return the keys of ``[gnss]`` that apply them where a recording shows the same."""
+        numbers = (self.noise.sigma_45, self.noise.floor, *self.shown)
+        return {
+            "velocity_noise": "fitted",
+            "doppler_known_mps": tuple(float(f"{v:.3g}") for v in numbers),
+        }
+
+
+@dataclass(frozen=True)
 class Candidate:
     """Settings on trial: what differs from the user's own.
 
@@ -31,25 +54,26 @@ class Candidate:
     name : str
     changes : tuple of (str, value)
         Keys of ``[gnss]``.
-    weights : {'', 'mad', 'rms'}
-        Which spread of the receiver's range rates σ over C/N0 is fitted to; '': σ as configured.
+    weights : {'', 'mad', 'rms', 'declared'}
+        Which spread of the receiver's range rates σ over C/N0 is fitted to, or σ as the user's
+        settings declare it; '': as a run finds it.
     """
 
     name: str
     changes: tuple[tuple[str, Any], ...] = ()
     weights: str = ""
 
-    def config(self, base: Config, noise: DopplerNoise | None = None) -> Config:
-        """Return the user's configuration with the changes; `noise` is what was fitted."""
+    def config(self, base: Config, weights: Weights | None = None) -> Config:
+        """Return the user's configuration with the changes; `weights` are what was fitted."""
         changes = dict(self.changes)
         if self.weights:
-            assert noise is not None
-            changes |= weights_keys(noise)
+            assert weights is not None
+            changes |= weights.keys()
         return replace(base, gnss=replace(base.gnss, **changes))
 
 
-def weights_keys(noise: DopplerNoise) -> dict[str, Any]:
-    """Return the keys of ``[gnss]`` that make a run use these σ, to three digits."""
+def insisting_keys(noise: DopplerNoise) -> dict[str, Any]:
+    """Return the keys of ``[gnss]`` that make any run use these σ, to three digits."""
     return {
         "velocity_noise": "declared",
         "doppler_sigma_mps": float(f"{noise.sigma_45:.3g}"),
@@ -77,7 +101,7 @@ def candidates(base: Config, snr: Iterable[float] = SNR, k: Iterable[float] = K)
     out = [Candidate("default"), ddia("paper: DDIA-VE, 40 dB-Hz, k 0.2", *PAPER)]
     for which, words in _WEIGHTS.items():
         out.append(Candidate(words, weights=which))
-    out.append(Candidate("Doppler noise as declared", (("velocity_noise", "declared"),)))
+    out.append(Candidate("Doppler noise as declared", weights="declared"))
     for level in _CN0:
         out.append(Candidate(f"C/N0 > {level:g} dB-Hz", (("min_cn0_dbhz", level),)))
     weak = 30.0  # what is let in by a lower threshold is weighted for what it is

@@ -43,6 +43,8 @@ from .trials import (
 OUTAGES = parse_outages("30/60:2-3")
 #: A change that three digits show: below, an interval beside zero says nothing of use.
 SEEN = 5e-4
+#: A change beyond tenfold is told as such: of few spells intervals reach anywhere.
+_HUGE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,8 +191,8 @@ def _work(
             configs: tuple[Config, ...] = (candidate.config(base),) if not candidate.weights else ()
             if candidate.weights:
                 others = [o for o in ready if o is not one]
-                noise = weights_for(one, others, candidate.weights)
-                configs = tuple(candidate.config(base, n) for n in noise or ())
+                known = weights_for(one, others, candidate.weights)
+                configs = tuple(candidate.config(base, weights) for weights in known or ())
             if configs:
                 alike.setdefault(offered_by(configs[0]).gnss, []).append((number, configs))
         for number, configs in chain(*alike.values()):
@@ -236,7 +238,7 @@ def _settled(
             for row in trials
         )
     weights = tried[chosen].weights
-    noise = pooled([fit[weights] for fit in fits.values()]) if weights else None
+    known = pooled(ready, weights) if weights else None
     out = Settings(
         candidates=tuple(tried),
         groups=groups,
@@ -252,7 +254,7 @@ def _settled(
         knee=None,
         fits=fits,
         base=base,
-        config=tried[chosen].config(base, noise),
+        config=tried[chosen].config(base, known),
         outages=outages,
         notes=tuple(note for one in ready for note in one.notes),
     )
@@ -313,8 +315,10 @@ def interval(value: Change) -> str:
     """Return a change in words."""
     if not np.isfinite([value.value, value.low, value.high]).all():
         return "not known"
-    numbers = (f"{100.0 * v:+.1f}".replace("-", "−") for v in (value.value, value.low, value.high))
-    middle, low, high = numbers
+    middle, low, high = (
+        f"{100.0 * v:+.1f}".replace("-", "−") if v < _HUGE else f"> +{100.0 * _HUGE:.0f}"
+        for v in (value.value, value.low, value.high)
+    )
     return f"{middle} % [{low}, {high}]"
 
 

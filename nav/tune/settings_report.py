@@ -21,7 +21,7 @@ from ..page.plots import Plots
 from ..page.tables import Column, Table
 from ..results.summary import strict
 from . import panels
-from .candidates import weights_keys
+from .candidates import insisting_keys
 from .choice import Change
 from .report import check_replaceable
 from .settings import Settings, interval
@@ -65,7 +65,7 @@ def settings_toml(found: Settings) -> str:
     for recording, fits in found.fits.items():
         for spread, words in (("mad", "undisturbed signals"), ("rms", "reflections included")):
             keys = ", ".join(
-                f"{k} = {json.dumps(v)}" for k, v in weights_keys(fits[spread].noise).items()
+                f"{k} = {json.dumps(v)}" for k, v in insisting_keys(fits[spread].noise).items()
             )
             lines.append(f"# Doppler noise on {recording}, {words}: {keys}")
     lines += changed_toml(found.config)
@@ -132,7 +132,7 @@ def as_dict(found: Settings) -> dict[str, Any]:
         "noise": {
             recording: {
                 spread: {
-                    **weights_keys(fit.noise),
+                    **insisting_keys(fit.noise),
                     "misfit": fit.misfit,
                     "cn0_dbhz": fit.cn0,
                     "spread_mps": fit.spread,

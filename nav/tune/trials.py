@@ -28,6 +28,7 @@ from ...velocity.doppler_noise import NoiseFit, fit_doppler_noise, reference_res
 from ...velocity.range_rate import DopplerNoise
 from ...velocity.study.samples import reference_samples
 from ..config import Config
+from ..engine.events import doppler_noise
 from ..engine.prepared import Prepared as Common
 from ..evaluation.accuracy import Evaluation, evaluate
 from ..pipeline import navigate
@@ -35,6 +36,7 @@ from ..solution import Solution
 from ..spells.degradation import degrade
 from ..spells.drift import as_reference, spell_figures
 from ..spells.outages import Outages, Spell
+from .candidates import Weights
 
 #: Errors of positions last for seconds to a minute: blocks are as long, or one twelfth of the
 #: recording, whichever is longer; a recording of a minute has three.
@@ -64,6 +66,11 @@ class Prepared:
         Takes the place of a reference that is missing: the default's own smoothed solution.
     fits : dict
         By (spread, which): Doppler noise fitted to 'all', to the 'first' and the 'second' half.
+    shown : tuple of float
+        σ of range rates that the recording shows by itself at 35 and 45 dB-Hz [m/s]; empty where
+        too few.
+    declared : DopplerNoise
+        As the user's settings have it.
     least_cn0, least_elevation : float
         Satellites weaker or lower no candidate uses [dB-Hz], [deg].
     notes : tuple of str
@@ -78,6 +85,8 @@ class Prepared:
     outages: Outages
     judge: Reference | None
     fits: Mapping[tuple[str, str], NoiseFit]
+    shown: tuple[float, ...]
+    declared: DopplerNoise
     least_cn0: float
     least_elevation: float
     notes: tuple[str, ...] = ()
@@ -167,9 +176,12 @@ def prepare(
     if not spells:
         notes.append(f"{sequence.name}: too short for a spell of weak GNSS ({outages.text})")
     fits, more = _fits(sequence, 0.5 * float(time[0] + time[-1]))
+    own = replace(config, gnss=replace(config.gnss, velocity_noise="fitted", doppler_known_mps=()))
+    velocities, _, _ = common.noise(own)
     prepared = Prepared(
-        sequence.name, time, block, tuple(spells), outages, judge, fits, least_cn0, least_elevation,
-        (*notes, *more),
+        sequence.name, time, block, tuple(spells), outages, judge, fits,
+        velocities.shown if velocities else (), doppler_noise(config.gnss), least_cn0,
+        least_elevation, (*notes, *more),
     )  # fmt: skip
     forget()
     if judge is None:
@@ -322,19 +334,30 @@ def _drifts(weak: Common, prepared: Prepared, config: Config) -> tuple[FloatArra
 
 def weights_for(
     prepared: Prepared, others: list[Prepared], spread: str
-) -> tuple[DopplerNoise, ...] | None:
+) -> tuple[Weights, ...] | None:
     """Return the weights this recording may be judged with: none of them fitted to that part."""
     if len(others) >= 2:
-        fits = [o.fits[spread, "all"] for o in others if (spread, "all") in o.fits]
-        return (pooled(fits),) if fits else None
-    if (spread, "first") not in prepared.fits:
+        found = pooled(others, spread)
+        return None if found is None else (found,)
+    if spread == "declared":
+        alone = pooled([prepared], spread)
+        return None if alone is None else (alone,)
+    if not prepared.shown or (spread, "first") not in prepared.fits:
         return None
-    return prepared.fits[spread, "second"].noise, prepared.fits[spread, "first"].noise
+    halves = (prepared.fits[spread, which].noise for which in ("second", "first"))
+    return tuple(Weights(noise, prepared.shown) for noise in halves)
 
 
-def pooled(fits: list[NoiseFit]) -> DopplerNoise:
-    """Return the geometric mean of noise models, each receiver counting once."""
-    return DopplerNoise(
-        float(np.exp(np.mean([np.log(f.noise.sigma_45) for f in fits]))),
-        float(np.exp(np.mean([np.log(f.noise.floor) for f in fits]))),
-    )
+def pooled(recordings: list[Prepared], spread: str) -> Weights | None:
+    """Return the geometric mean of what recordings have shown, each counting once."""
+    noise, shown = [], []
+    for one in recordings:
+        fit = one.fits.get((spread, "all"))
+        if one.shown and (fit is not None or spread == "declared"):
+            noise.append(one.declared if fit is None else fit.noise)
+            shown.append(one.shown)
+    if not noise:
+        return None
+    numbers = [(n.sigma_45, n.floor, *own) for n, own in zip(noise, shown, strict=True)]
+    sigma, floor, *both = np.exp(np.mean(np.log(numbers), axis=0)).tolist()
+    return Weights(DopplerNoise(sigma, floor), tuple(both))

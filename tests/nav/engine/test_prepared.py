@@ -124,7 +124,8 @@ def test_timelines_are_shared_by_what_offers_the_same(drive):
     others = {
         "below_four": "ddia", "forward_motion": "on", "ddia_min_k": 0.7, "ddia_min_cn0_dbhz": 31.0,
         "clock_walk_mps": 0.3, "doppler_hold_off_s": 9.0, "position_noise": "declared",
-        "velocity_noise": "declared", "position_correlation_s": 3.0, "delay_sigma_s": 0.1,
+        "velocity_noise": "declared", "doppler_known_mps": (0.1, 0.02, 0.2, 0.1),
+        "position_correlation_s": 3.0, "delay_sigma_s": 0.1,
     }  # fmt: skip
     assert set(others) == {"below_four", *module._OF_THE_FILTER}
     changed = _with(Config(), **others)

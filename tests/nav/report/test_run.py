@@ -20,10 +20,11 @@ from certnav.nav.page.board import Board
 from certnav.nav.page.pictures import save
 from certnav.nav.page.thinning import thin
 from certnav.nav.report import figures, write_figures
+from certnav.nav.report.bounds import protection
 from certnav.nav.report.coverage import gnss_state
 from certnav.nav.report.run import write_report
 from certnav.nav.report.sky import Sky
-from certnav.nav.report.timeline import start_up
+from certnav.nav.report.timeline import Timeline, start_up
 from certnav.nav.report.verdict import coverage, gate_activity, verdict
 from certnav.nav.results.directory import read_result, write_result
 from certnav.nav.signals import Signals
@@ -240,6 +241,14 @@ def bounded(solution):
         protection=Protection(1e-4, ("one satellite's pseudorange",), ("the <rest>",)),
         separation=Separation(time, forward, backward, chi2),
     )  # fmt: skip
+
+
+def test_levels_within_two_decades_have_marks_apart(report):
+    """1, 2, 5 of each decade; Bokeh's own would be 1, 2, 3 … of the upper one."""
+    result, *_ = report(bounded, duration=30.0, reference=False)
+    for (plot,) in protection(Timeline(result, Board(0.0, 0.0, 30.0))):
+        ticks = plot.left[0].ticker.ticks
+        assert {1.0, 2.0, 5.0, 10.0} <= set(ticks) and 3.0 not in ticks
 
 
 def test_levels_and_separation_have_their_panels(report):

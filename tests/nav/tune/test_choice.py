@@ -145,3 +145,8 @@ def test_knee_of_candidates():
     assert knee([0.2, 0.5, 0.9, 1.0, 0.4], [1.0, 1.1, 1.2, 9.0, 5.0]) == 2
     assert knee([0.2, 0.5], [1.0, 2.0]) is None
     assert knee([np.nan] * 4, [1.0, 2.0, 3.0, 4.0]) is None
+
+
+def test_a_change_is_told_in_per_cent_and_beyond_tenfold_as_such():
+    assert interval(Change(-0.305, -1.0, 3884.898)) == "−30.5 % [−100.0, > +1000]"
+    assert interval(Change(0.1, 0.05, 9.99)) == "+10.0 % [+5.0, +999.0]"

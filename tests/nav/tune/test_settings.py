@@ -21,7 +21,7 @@ from certnav.nav.spells.outages import parse_outages
 from certnav.nav.tune import candidates as listed
 from certnav.nav.tune import settings as tuning
 from certnav.nav.tune import trials
-from certnav.nav.tune.candidates import Candidate, candidates
+from certnav.nav.tune.candidates import Candidate, Weights, candidates
 from certnav.nav.tune.choice import best, of_candidate
 from certnav.nav.tune.settings import decide, tune_settings
 from certnav.nav.tune.settings_report import settings_toml, write_settings
@@ -61,8 +61,8 @@ def test_default_and_paper_are_always_tried_and_nothing_twice():
     assert tried[0].config(Config()) == Config()
     paper = tried[1].config(Config()).gnss
     assert (paper.below_four, paper.ddia_min_cn0_dbhz, paper.ddia_min_k) == ("ddia", 40.0, 0.2)
-    noise = DopplerNoise(0.1, 0.05)
-    configs = [(c.config(Config(), noise), c.weights) for c in tried]
+    weights = Weights(DopplerNoise(0.1, 0.05), (0.2, 0.1))
+    configs = [(c.config(Config(), weights), c.weights) for c in tried]
     assert len(set(map(str, configs))) == len(tried)
     own = Config(gnss=GnssConfig(min_cn0_dbhz=30.0, below_four="off"))
     again = candidates(own)
@@ -132,10 +132,12 @@ def load_config_text(text):
 def test_weights_are_never_judged_on_what_they_were_fitted_to(drive, found):
     ready = prepare(drive, Config(), OUTAGES, 25.0, 5.0)
     first, second = weights_for(ready, [], "rms")
-    assert first == ready.fits["rms", "second"].noise
-    assert second == ready.fits["rms", "first"].noise
+    assert first.noise == ready.fits["rms", "second"].noise
+    assert second.noise == ready.fits["rms", "first"].noise
+    assert first.shown == second.shown == ready.shown
     (pooled,) = weights_for(ready, [dataclasses.replace(ready), dataclasses.replace(ready)], "rms")
-    assert pooled.sigma_45 == pytest.approx(ready.fits["rms", "all"].noise.sigma_45)
+    assert pooled.noise.sigma_45 == pytest.approx(ready.fits["rms", "all"].noise.sigma_45)
+    assert pooled.shown == pytest.approx(ready.shown)
     ready = dataclasses.replace(ready, spells=())
     configs = [Candidate("fitted", weights="rms").config(Config(), n) for n in (first, second)]
     both = try_out(drive, ready, tuple(configs))
@@ -179,14 +181,14 @@ def test_files_say_what_was_found_and_a_run_takes_them(kept, tmp_path):
 
 def test_recommended_weights_are_active_keys_and_nothing_else_changes(found):
     noise = found.fits["drive"]["rms"].noise
+    known = Weights(noise, (0.1, 0.04))
     taken = dataclasses.replace(
-        found, chosen=1, config=found.candidates[1].config(found.base, noise)
+        found, chosen=1, config=found.candidates[1].config(found.base, known)
     )
     gnss = load_config_text(settings_toml(taken)).gnss
-    assert gnss.doppler_sigma_mps == pytest.approx(noise.sigma_45, rel=0.01)
-    assert gnss.doppler_floor_mps == pytest.approx(noise.floor, rel=0.01)
-    assert gnss.velocity_noise == "declared"  # else the run would fit its own
-    assert gnss.below_four == Config().gnss.below_four
+    numbers = (noise.sigma_45, noise.floor, 0.1, 0.04)
+    assert gnss.doppler_known_mps == pytest.approx(numbers, rel=0.01)
+    assert dataclasses.replace(gnss, doppler_known_mps=()) == Config().gnss
 
 
 def test_without_a_reference_only_spells_are_judged_and_it_is_said(drive):

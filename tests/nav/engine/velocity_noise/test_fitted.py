@@ -7,8 +7,10 @@ import pytest
 
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.filters.errors import ConfigError
 from certnav.filters.rotation import FloatArray
 from certnav.nav.config_files import from_tables
+from certnav.nav.engine.prepared import Prepared
 from certnav.nav.pipeline import navigate
 from certnav.nav.solution import Solution
 
@@ -85,3 +87,54 @@ def test_doppler_is_fitted_whatever_is_declared(city):
         texts.append(said(solution))
     at_45 = [float(t.split("dB-Hz, ")[1].split()[0]) for t in texts]
     np.testing.assert_allclose(at_45, 0.036, rtol=0.2)
+
+
+@pytest.fixture(scope="module")
+def doppler():
+    """A drive with raw Doppler, and what it shows by itself."""
+    config = SimulationConfig(
+        seed=8, duration=100.0, density="open", imu_rate=50.0, moving_start=True, static_start=0.0
+    )
+    made = simulate(config)
+    time = np.arange(made.config.start_time + 1.0, made.config.start_time + 99.0)
+    lever = made.config.lever_antenna_b
+    rng = np.random.default_rng(8)
+    drive = made.sequence(fixes_from_truth(made.trajectory, time, lever, 1.0, 0.05, rng))
+    errors, _, _ = Prepared(drive, own_noise=True).noise(from_tables({}))
+    return drive, errors
+
+
+def _noise(drive, known):
+    config = from_tables({"gnss": {"doppler_known_mps": list(known)}})
+    errors, _, notes = Prepared(drive, own_noise=True).noise(config)
+    return errors, " ".join(note.text for note in notes), config
+
+
+def test_known_noise_is_in_force_where_a_recording_shows_the_same(doppler):
+    drive, own = doppler
+    assert own.shown == pytest.approx((0.097, 0.036), rel=0.2)  # the simulator's
+    errors, said, _ = _noise(drive, (0.15, 0.02, 1.1 * own.shown[0], own.shown[1] / 1.1))
+    assert errors.doppler == (0.15, 0.02, own.doppler[2])  # the clock is its own
+    assert "0.47 m/s at 35 dB-Hz, 0.15 at 45, as known (gnss.doppler_known_mps)" in said
+
+
+def test_where_it_shows_another_nothing_is_changed_and_it_is_said_how_to_insist(doppler):
+    """Neither the fit nor its prior: the run is the default's to the last digit."""
+    drive, own = doppler
+    for shown in ((1.2 * own.shown[0], own.shown[1]), (own.shown[0], own.shown[1] / 1.2)):
+        errors, said, config = _noise(drive, (0.15, 0.02, *shown))
+        assert errors == own
+        assert "gnss.doppler_known_mps is not used: it was found where range rates show" in said
+        assert "velocity_noise = 'declared', gnss.doppler_sigma_mps = 0.15" in said
+    there, plain = navigate(drive, config), navigate(drive, from_tables({}))
+    np.testing.assert_array_equal(there.trajectory.pos_e, plain.trajectory.pos_e)
+    seen = drive.observations
+    few = dataclasses.replace(drive, observations=seen.take(seen.time < drive.span[0] + 12.0))
+    errors, said, _ = _noise(few, (0.15, 0.02, *own.shown))
+    assert errors is None and "nothing of this recording to hold it against" in said
+
+
+def test_known_noise_is_four_numbers():
+    for known in ([0.1, 0.02], [0.1, 0.02, 0.1, 0.0]):
+        with pytest.raises(ConfigError, match="doppler_known_mps: expected 4 numbers > 0"):
+            from_tables({"gnss": {"doppler_known_mps": known}})
