@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike
 
 from . import verdict
 from .priors import Prior
-from .problem import AlignmentRows, ClockModel
+from .problem import ClockModel
 from .result import AlignmentResult
 from .robust import align_robust
+from .rows import AlignmentRows
 from .verdict import VerdictLimits
 
 

@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..filters.errors import ConfigError
 from ..filters.rotation import FloatArray
 from .priors import Prior
-from .problem import AlignmentRows, ClockModel
+from .problem import ClockModel
 from .proofs.consensus_proof import ConsensusProof, prove_consensus, row_weights
 from .result import AlignmentResult, Ask, Verdict
 from .row_selection import Mask, RowStack, clock_wander, select_rows
+from .rows import AlignmentRows
 from .verdict import VerdictLimits, align
 
 #: Parts of the range of an error that rows share, at most.

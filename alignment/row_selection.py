@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..filters.errors import AlignmentError, DataError
 from ..filters.rotation import FloatArray
 from .priors import Prior
-from .problem import AlignmentRows, ClockModel, design_matrix
+from .problem import ClockModel, design_matrix
+from .rows import AlignmentRows
 from .solver.constraints import lift
 from .solver.fast_solver import fast_minimum
 

@@ -113,6 +113,8 @@ def heading_offset(
         pulled = W @ rest
         # What a velocity is off from what all others say of it, in its own σ.
         off = np.abs(pulled).max(axis=1) / np.sqrt(np.diag(W))
+        if (off <= _HUBER).all():  # nothing to weigh anew
+            break
         weight = np.minimum(1.0, _HUBER / np.maximum(off, 1e-9)) * weight
     # Noise that is larger than assumed makes what follows from it worth less.
     cov = cov * max(1.0, float(np.sum(rest * pulled)) / (2 * count - 9))

@@ -23,8 +23,9 @@ from scipy.special import gammaincinv
 from ..filters.errors import ConfigError
 from .observability import Observability, observability
 from .priors import Prior, with_priors
-from .problem import AlignmentProblem, AlignmentRows, ClockModel, build_problem
+from .problem import AlignmentProblem, ClockModel, build_problem
 from .result import AlignmentResult, Ask, Verdict, inflation
+from .rows import AlignmentRows
 from .solver.attitude_bound import attitude_bound, region_threshold
 from .solver.fast_solver import LocalMinima, fast_minimum, local_minima
 from .solver.refinement import rotation_angle

@@ -196,8 +196,10 @@ def _by_chance(change: FloatArray, first: int, last: int, step: float) -> bool:
 
 def _limits(column: FloatArray, far: float) -> tuple[float, ...]:
     """Return the extreme values at which a column piles up."""
-    out = []
-    size = np.abs(np.diff(column))
+    ends = (float(column.min()), float(column.max()))
+    # A value is printed once at least: of most columns that is all there is to look at.
+    often = {limit: hits for limit in ends if (hits := int((column == limit).sum())) >= _HITS}
+    size = np.abs(np.diff(column)) if often else np.zeros(0)
     size = size[size > 0.0]
     if not size.size:
         return ()
@@ -206,9 +208,9 @@ def _limits(column: FloatArray, far: float) -> tuple[float, ...]:
     centre = float(np.median(column))
     # Of a slower sensor that is printed faster, every value has so many rows.
     printed = float(np.median(np.diff(np.flatnonzero(np.diff(column, prepend=np.nan) != 0.0))))
-    for limit in (float(column.min()), float(column.max())):
+    out = []
+    for limit, hits in often.items():
         apart = np.abs(column - limit)
-        hits = int((apart == 0.0).sum())
         near = int(((apart > 0.0) & (apart <= inside)).sum())
         if hits >= _HITS * printed and hits > _PILED * near and abs(limit - centre) > far:
             out.append(limit)

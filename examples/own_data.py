@@ -12,20 +12,21 @@ import numpy as np
 import pandas as pd
 
 from certnav.datasets.loading import load
-from certnav.datasets.own.declare import draft_declaration
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
 from certnav.filters.earth import C_en_of, ecef_to_lla
 from certnav.filters.errors import NavError
 from certnav.nav.check.recording import check
 from certnav.nav.config import Config
+from certnav.nav.drafting import measured_draft
 from certnav.nav.pipeline import navigate
 
 folder = Path(tempfile.mkdtemp()) / "drive"
 folder.mkdir()
 
 # %% [markdown]
-# The files: an IMU in forward-left-up axes and deg/s, a receiver's positions; seconds of GPS week.
+# The files: an IMU in forward-left-up axes and deg/s, a receiver's positions; seconds of a GPS week
+# that no file names.
 
 # %%
 settings = SimulationConfig(seed=3, duration=90.0, density="open")
@@ -48,18 +49,19 @@ columns = ["sow", "lat", "lon", "height", "v_north", "v_east", "v_down"]
 pd.DataFrame(gnss, columns=columns).to_csv(folder / "gps.csv", index=False, float_format="%.9f")
 
 # %% [markdown]
-# `certnav declare imu.csv gps.csv`: what names and numbers show is filled in, the rest is `"?"`.
+# `certnav declare drive/*.csv`: what names, numbers and the motion show is filled in with its
+# evidence, down to how far forward and right of the IMU the antenna is; the rest is `"?"`.
 
 # %%
-draft = draft_declaration([folder / "imu.csv", folder / "gps.csv"])
-print(draft)
+draft = measured_draft(sorted(folder.glob("*.csv")))
+print(draft.text())
 
 # %% [markdown]
 # A blank is refused with its line.
 
 # %%
 declaration = folder / "sequence.toml"
-declaration.write_text(draft)
+declaration.write_text(draft.text())
 try:
     load(folder)
 except NavError as refusal:
@@ -70,21 +72,17 @@ except NavError as refusal:
 
 # %%
 answers = {
-    "time_scale": '"gps-sow"\nweek = 2129',
-    "gyro_unit": '"deg/s"',
-    "axes": '"FLU"',
     "preset": '"adis16470"',
     "lever_frd_m": "[-0.65, -0.05, -0.15]",
-    "mounting_rpy_deg": "[0.0, 0.0, 0.0]",
+    "lever_sigma_m": "0.02",  # by a tape, all three
     "height": '"ellipsoid"',
-    "velocity_unit": '"m/s"',
     "position_sigma_m": "[1.0, 1.0, 2.0]",
     "velocity_sigma_mps": "[0.05, 0.05, 0.05]",
 }
 lines = []
-for line in draft.splitlines():
+for line in draft.text().splitlines():
     key = line.partition(" = ")[0]
-    lines.append(f"{key} = {answers[key]}" if ' = "?"' in line else line)
+    lines.append(f"{key} = {answers[key]}" if key in answers else line)
 declaration.write_text("\n".join(lines) + "\n")
 report = check(folder)
 print(report.text())
@@ -93,7 +91,8 @@ assert report.navigable
 # %%
 solution = navigate(load(folder), Config())
 track = solution.trajectory
-truth = np.column_stack([np.interp(track.time, drive.reference.time, p)
+truth_time = drive.reference.time % 604800.0  # as the files' clock, which has no date, counts
+truth = np.column_stack([np.interp(track.time, truth_time, p)
                          for p in drive.reference.pos_e.T])  # fmt: skip
 error = np.linalg.norm(track.pos_e - truth, axis=1)
 print(f"{track.time[-1] - track.time[0]:.0f} s navigated, error {np.median(error):.2f} m (median)")

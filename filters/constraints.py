@@ -38,23 +38,23 @@ def vehicle_velocity(state: NavState, omega_b: ArrayLike, point: VehiclePoint) -
     return vel_v
 
 
-def _vehicle_jacobian(
+def _linear(
     state: NavState, states: int, omega_b: ArrayLike, point: VehiclePoint
-) -> FloatArray:
-    """Return the derivative of `vehicle_velocity` with respect to the error state."""
-    C_be, arm = state.C_eb.T, skew(point.lever_b)
+) -> tuple[FloatArray, FloatArray]:
+    """Return `vehicle_velocity` and its derivative with respect to the error state."""
+    C_be, arm, C_vb = state.C_eb.T, skew(point.lever_b), point.C_bv.T
+    vel_v = vehicle_velocity(state, omega_b, point)
     H = np.zeros((3, states))
     H[:, VEL] = C_be
     H[:, ATT] = skew(C_be @ state.vel_e) + arm @ skew(C_be @ OMEGA_IE_E)
     H[:, GYRO_BIAS] = arm
-    H = point.C_bv.T @ H
+    H = C_vb @ H
     # C_bv(true) = C_bv (I + [μ×]): v_v(true) = v_v − μ × v_v. The lever is kept in body axes.
     if point.mounting is not None:
-        H[:, point.mounting] = skew(vehicle_velocity(state, omega_b, point))[:, 1:]
+        H[:, point.mounting] = skew(vel_v)[:, 1:]
     if point.wheel is not None:
-        rate_v = point.C_bv.T @ rate_over_earth(state.C_eb, omega_b)
-        H[:, point.wheel] = skew(rate_v)[:, [0, 2]]
-    return H
+        H[:, point.wheel] = skew(C_vb @ rate_over_earth(state.C_eb, omega_b))[:, [0, 2]]
+    return vel_v, H
 
 
 def non_holonomic(
@@ -75,9 +75,9 @@ def non_holonomic(
     sigma : array_like, shape (2,)
         1σ of the lateral and vertical velocity that tyres and springs allow [m/s].
     """
-    vel_v = vehicle_velocity(state, omega_b, point)
-    H = _vehicle_jacobian(state, states, omega_b, point)
-    R = np.diag(np.broadcast_to(np.asarray(sigma, dtype=float), (2,)) ** 2)
+    vel_v, H = _linear(state, states, omega_b, point)
+    lateral, vertical = (np.asarray(sigma, dtype=float) * np.ones(2)).tolist()
+    R = np.array([[lateral**2, 0.0], [0.0, vertical**2]])
     return Measurement(-vel_v[1:], H[1:], R, Biases(("sideslip", "heave"), np.eye(2), _LARGEST))
 
 
@@ -103,8 +103,9 @@ def odometer(
     scale : float
         Current estimate of the scale factor.
     """
-    forward = float(vehicle_velocity(state, omega_b, point)[0])
-    H = (1.0 + scale) * _vehicle_jacobian(state, states, omega_b, point)[:1]
+    vel_v, by_state = _linear(state, states, omega_b, point)
+    forward = float(vel_v[0])
+    H = (1.0 + scale) * by_state[:1]
     H[0, -1] = forward
     z = np.array([speed - (1.0 + scale) * forward])
     return Measurement(z, H, np.array([[sigma**2]]), Biases(("wheel slip",), np.eye(1), _LARGEST))

@@ -134,6 +134,7 @@ class ErrorStateFilter:
         #: Sample, and mean specific force and rate over `_STEADY` up to it.
         self._steady: tuple[int, FloatArray, FloatArray] | None = None
         self._noise = model.noise()
+        self._still = np.eye(n)
         self._update: Update = with_filterpy if filterpy else compiled
         self._sample = stream.index(state.time)
         self._period = float(output_interval)
@@ -154,7 +155,7 @@ class ErrorStateFilter:
     @property
     def state(self) -> NavState:
         """The current estimate."""
-        return NavState(self.time, self.pos_e, self.vel_e, self.C_eb)
+        return NavState.known(self.time, self.pos_e, self.vel_e, self.C_eb)
 
     @property
     def gyro_bias(self) -> FloatArray:
@@ -230,6 +231,10 @@ class ErrorStateFilter:
 
     def _reserve(self, until: float) -> None:
         """Make room for a row per sample up to `until`."""
+        if self._period > 0.0:
+            due = int(self._cursor[0]) + int(max(until - self._cursor[1], 0.0) / self._period) + 2
+            if due <= len(self._rows):
+                return
         last = int(np.searchsorted(self.stream.edges, until + 1e-9, side="right"))
         samples = last - self._sample
         if self._period > 0.0:
@@ -259,7 +264,7 @@ class ErrorStateFilter:
         self._reserve(until)
         before = self.P.copy()
         if self._phi.size:
-            self._phi[:] = np.eye(self.model.size)
+            self._phi[:] = self._still
         self._sample, omega = kernels.advance(
             self.stream.edges, self.stream.gyro, self.stream.accel, self._sample, self.time, until,
             self.pos_e, self.vel_e, self.C_eb, self.bias, self.P, self._phi, self._noise,
@@ -286,7 +291,7 @@ class ErrorStateFilter:
             What the error state is multiplied by; default: nothing happens to it.
         """
         if self.tape is not None:
-            still = np.eye(self.model.size) if phi is None else phi
+            still = self._still.copy() if phi is None else phi
             self.tape.predict(self.P.copy(), still, P.copy())
         if self._follower is not None and phi is not None:
             self._follower.predict(self.time, phi, P)

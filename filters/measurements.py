@@ -244,8 +244,30 @@ def range_rates(
     satellites : tuple of str, length n, optional
         Where they are named, `Measurement.biases` is that of each one's z [m/s].
     """
-    e, sigma = np.asarray(e_e, dtype=float), np.asarray(sigma, dtype=float)
     antenna = velocity(state, states, np.zeros(3), _IDENTITY, lever_b, omega_b)
+    return range_rates_of(antenna, e_e, z, sigma, clock, clock_drift, z_by_pos, satellites)
+
+
+def range_rates_of(
+    antenna: Measurement,
+    e_e: ArrayLike,
+    z: ArrayLike,
+    sigma: ArrayLike,
+    clock: int | None = None,
+    clock_drift: float = 0.0,
+    z_by_pos: ArrayLike | None = None,
+    satellites: tuple[str, ...] = (),
+) -> Measurement:
+    """Return `range_rates` where the antenna's motion is known already.
+
+    Parameters
+    ----------
+    antenna : Measurement
+        `velocity` of a measured velocity of zero.
+    e_e, z, sigma, clock, clock_drift, z_by_pos, satellites
+        As for `range_rates`.
+    """
+    e, sigma = np.asarray(e_e, dtype=float), np.asarray(sigma, dtype=float)
     predicted = -antenna.z
     weight = 1.0 / sigma
     residual = weight * (np.asarray(z, dtype=float) - e @ predicted)

@@ -51,6 +51,13 @@ class NavState:
                 raise DataError(f"state.{name}: expected finite values of shape {shape}")
             object.__setattr__(self, name, value)
 
+    @classmethod
+    def known(cls, time: float, pos_e: FloatArray, vel_e: FloatArray, C_eb: FloatArray) -> NavState:
+        """Return a state of arrays that need no looking at: a filter's own, copied."""
+        state = object.__new__(cls)
+        state.__dict__.update(time=time, pos_e=pos_e.copy(), vel_e=vel_e.copy(), C_eb=C_eb.copy())
+        return state
+
 
 class InertialStream:
     """IMU samples laid out for the kernels; a live one grows (`live`, `append`).

@@ -81,14 +81,14 @@ def clock(time: float) -> str:
     """
     week, start = int(time // SECONDS_PER_WEEK), _start.get()
     since = "" if start is None else f" ({time - start:+.2f} s)"
-    said = f"{time:.2f} s" if week == 0 else f"SOW {time - week * SECONDS_PER_WEEK:.2f}"
+    said = f"{time:.2f} s" if week <= 0 else f"SOW {time - week * SECONDS_PER_WEEK:.2f}"
     return said + since
 
 
 def span_words(start: float, end: float) -> str:
     """Return when a recording was, for the top of what is said of it."""
     week = int(start // SECONDS_PER_WEEK)
-    if week == 0:
+    if week <= 0:
         return f"{start:.2f} … {end:.2f} s, no date; in brackets: s since the start"
     sow = start - week * SECONDS_PER_WEEK
     return (
@@ -104,6 +104,6 @@ def times_in(text: str, near: float) -> list[float]:
     with its two decimals is a time.
     """
     week = int(near // SECONDS_PER_WEEK) * SECONDS_PER_WEEK
-    if week == 0:
+    if week <= 0:
         return [float(t) for t in re.findall(r"\b(?:from|to|at|until) (-?\d+\.\d\d) s\b", text)]
     return [week + float(sow) for sow in re.findall(r"SOW (\d+(?:\.\d+)?)", text)]

@@ -20,8 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from certnav.alignment.problem import AlignmentRows, build_problem
+from certnav.alignment.problem import build_problem
 from certnav.alignment.reference.certifiable import certified_minimum
+from certnav.alignment.rows import AlignmentRows
 from certnav.alignment.solver.fast_solver import fast_minimum
 from certnav.alignment.status import AlignmentStatus
 from certnav.filters.errors import AlignmentError

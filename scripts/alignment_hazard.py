@@ -26,9 +26,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
-from certnav.alignment.problem import AlignmentRows, ClockModel
+from certnav.alignment.problem import ClockModel
 from certnav.alignment.reference.simulation import SimulatedWindow, simulate_window
 from certnav.alignment.robust import align_robust
+from certnav.alignment.rows import AlignmentRows
 from certnav.alignment.solver.refinement import rotation_angle
 from certnav.alignment.verdict import VerdictLimits
 from certnav.filters.errors import AlignmentError

@@ -16,8 +16,9 @@ import json
 
 import numpy as np
 
-from certnav.alignment.problem import AlignmentRows, ClockModel
+from certnav.alignment.problem import ClockModel
 from certnav.alignment.reference.earth_windows import EarthWindow, earth_window
+from certnav.alignment.rows import AlignmentRows
 from certnav.alignment.solver.refinement import rotation_angle
 from certnav.alignment.verdict import align
 from certnav.velocity.range_rate import DopplerRows

@@ -17,9 +17,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from certnav.alignment.problem import AlignmentRows, build_problem
+from certnav.alignment.problem import build_problem
 from certnav.alignment.reference.simulation import simulate_window
 from certnav.alignment.robust import align_robust
+from certnav.alignment.rows import AlignmentRows
 from certnav.alignment.solver.fast_solver import fast_minimum
 from certnav.alignment.solver.refinement import rotation_angle
 from certnav.filters.errors import AlignmentError

@@ -23,7 +23,8 @@ from scipy.spatial.transform import Rotation
 
 from certnav.datasets import gpstime
 from certnav.datasets.axes import all_axes, axes_matrix, axes_name
-from certnav.datasets.own.declaration import ACCEL_UNITS, BLANK, GYRO_UNITS, SPEED_UNITS
+from certnav.datasets.own.blanks import BLANK
+from certnav.datasets.own.declaration import ACCEL_UNITS, GYRO_UNITS, SPEED_UNITS
 from certnav.datasets.own.draft import Draft
 from certnav.datasets.simulation.sensors import fixes_from_truth
 from certnav.datasets.simulation.simulator import Simulation, SimulationConfig, simulate
@@ -79,6 +80,7 @@ class Variant:
     rate: float
     gnss_rate: float
     sigma: float
+    lever: tuple[float, float, float]
 
     def words(self) -> str:
         """Return it in a line."""
@@ -87,7 +89,7 @@ class Variant:
             f"{self.gyro_unit}, {self.accel_unit}, IMU {self.imu_clock} ({self.imu_names}), GNSS "
             f"{self.gnss_clock} ({self.gnss_names}), lag {self.lag}, {self.angle_unit}, "
             f"{self.frame}, {self.speed_unit}, {self.rate:.0f} Hz, {self.gnss_rate:.0f} Hz, "
-            f"σ {self.sigma} m"
+            f"σ {self.sigma} m, lever {self.lever}"
         )
 
 
@@ -123,7 +125,15 @@ def drawn(seed: int) -> Variant:
         rate=float(one((50.0, 100.0, 200.0))),
         gnss_rate=float(one((1.0, 5.0, 10.0))),
         sigma=float(one((1.0, 1.0, 0.02))),
+        lever=_lever(seed),
     )
+
+
+def _lever(seed: int) -> tuple[float, float, float]:
+    """Draw where on the car the antenna is, seen from the IMU in its FRD axes [m]."""
+    low, high = (-2.0, -0.8, -1.5), (1.5, 0.8, 0.2)
+    forward, right, down = np.random.default_rng([seed, 79]).uniform(low, high).round(2)
+    return float(forward), float(right), float(down)
 
 
 def stamps(clock: str, time: np.ndarray, zero: float) -> dict[str, np.ndarray]:
@@ -150,7 +160,7 @@ def write(v: Variant, folder: Path) -> tuple[Simulation, list[Path]]:
     """Write the files of a variant; return the drive, too."""
     config = SimulationConfig(
         seed=v.seed, duration=v.duration, static_start=v.static, density="open",
-        imu_rate=v.rate, mounting_rpy_deg=v.mounting,
+        imu_rate=v.rate, mounting_rpy_deg=v.mounting, lever_antenna_b=v.lever,
     )  # fmt: skip
     drive = simulate(config)
     rng = np.random.default_rng([v.seed, 78])
@@ -259,11 +269,14 @@ def judged(v: Variant, drive: Simulation, draft: Draft) -> dict[str, str]:
             "height_unit", get("gnss", "height_unit") == BLANK, get("gnss", "height_unit") == "mm"
         )
     lever = get("antenna", "lever_frd_m")
-    if lever == BLANK:
-        out["lever"] = "blank"
-    else:
-        off = np.abs(np.array(lever) - drive.config.lever_antenna_b).max()
-        judge("lever", False, bool(off < 3.0 * get("antenna", "lever_sigma_m")))
+    axes = [k for k in range(3) if lever != BLANK and lever[k] != BLANK]
+    sigma = get("antenna", "lever_sigma_m")
+    for k, name in enumerate(("forward", "right", "down")):
+        off = lever[k] - v.lever[k] if k in axes else np.nan
+        judge(f"lever {name}", k not in axes, bool(abs(off) < 3.0 * sigma))
+    if axes:
+        off = " ".join(f"{lever[k] - v.lever[k]:+.2f}" for k in axes)
+        out["off_lever"] = f"{off} ± {sigma:.2f}"
     _judge_time(v, drive, draft, out)
     return out
 
@@ -274,8 +287,8 @@ def _judge_time(v: Variant, drive: Simulation, draft: Draft, out: dict[str, str]
     from certnav.filters.errors import NavError
     from certnav.nav.drafting import trial
 
-    if BLANK in (draft.get("imu", "time_scale"), draft.get("gnss", "time_scale"),
-                 draft.get("imu", "gyro"), draft.get("imu", "time")):  # fmt: skip
+    needed = (("imu", "time_scale"), ("gnss", "time_scale"), ("imu", "gyro"), ("imu", "time"))
+    if any(draft.get(section, key, BLANK) == BLANK for section, key in needed):
         out["time"] = "blank"
         return
     try:

@@ -86,7 +86,7 @@ def extremes(page: Path, result: Path) -> list[tuple[str, float, float]]:
         tab.wait_for_selector("body[data-ready=yes]", timeout=120_000)
         drawn = tab.evaluate(
             "() => ['North', 'East', 'Down'].map(name => Math.max(..."
-            "[...Bokeh.documents[0]._all_models.values()].find(m => m.type === 'Figure'"
+            "[...Bokeh.documents[0]._all_models.values()].find(m => m.type === 'Plot'"
             " && m.tags.includes('error') && m.title.text.startsWith(name)).renderers"
             ".filter(r => r.data_source?.data?.y)"
             ".flatMap(r => Array.from(r.data_source.data.y).filter(Number.isFinite)"

@@ -42,6 +42,8 @@ ANSWERS = {
     "position_sigma_m": "[1.5, 1.5, 3.0]",
     "velocity_sigma_mps": "0.2",
 }
+#: Of a lever arm whose other axes were measured; the roof is so far above the IMU.
+DOWN = "-1.0"
 #: Most commands that a user should need.
 MOST = 4
 _DRIVE = "oakville-drives/urban-medium-turn-loop-nominal-001"
@@ -140,11 +142,15 @@ class Walk:
         lines = path.read_text(encoding="utf-8").splitlines()
         blank_lever = False
         for k, line in enumerate(lines):
-            key = line.partition(" = ")[0]
-            if ' = "?"' in line or (key == "lever_sigma_m" and blank_lever):
-                edits += ' = "?"' in line
+            key, _, rest = line.partition(" = ")
+            value, _, _ = rest.partition("  #")
+            blank = '"?"' in value
+            if blank or (key == "lever_sigma_m" and blank_lever):
+                edits += blank
                 blank_lever |= key == "lever_frd_m"
-                lines[k] = f"{key} = {ANSWERS[key]}"
+                measured = blank and value.startswith("[")  # but for down, which nothing shows
+                answer = value.replace('"?"', DOWN).strip() if measured else ANSWERS[key]
+                lines[k] = f"{key} = {answer}"
                 print(f"  edit line {k + 1}: {lines[k]}")
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         return edits

@@ -30,7 +30,8 @@ def picture(page: Path) -> Image.Image:
         tab.wait_for_timeout(500)
         parts = [
             tab.screenshot(
-                clip={"x": 0, "y": 0, "width": WIDTH, "height": _top(tab, "Satellites")}
+                full_page=True,  # else what is below the window is cut off
+                clip={"x": 0, "y": 0, "width": WIDTH, "height": _top(tab, "Satellites") - 30},
             ),
             _section(tab, SECTION),
         ]
@@ -67,7 +68,10 @@ def main() -> None:
     parser.add_argument("page", type=Path)
     parser.add_argument("--out", type=Path, default=Path("docs/demo.png"))
     arguments = parser.parse_args()
-    image = picture(arguments.page).quantize(128)
+    # Colours near to each other stay apart: the track's are what the picture is about.
+    image = picture(arguments.page).quantize(
+        256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+    )
     image.save(arguments.out, optimize=True)
     print(arguments.out, image.size)
 

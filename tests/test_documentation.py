@@ -13,11 +13,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("", "nav", "alignment", "velocity", "datasets", "filters")
-#: Without an example: their modules are as long as a module may be, and are to be divided first.
-WITHOUT_EXAMPLE = {
-    *("AlignmentProblem", "AlignmentRows", "ClockModel", "build_problem"),
-    *("InitialAttitude", "VelocityTrack", "given_attitude", "level_and_course"),
-}
 
 
 def with_examples() -> list:
@@ -28,7 +23,7 @@ def with_examples() -> list:
         for name in home.__all__:
             public = getattr(home, name)
             plain = inspect.isclass(public) and issubclass(public, enum.Enum)
-            if callable(public) and not plain and name not in WITHOUT_EXAMPLE:
+            if callable(public) and not plain:
                 found[f"{public.__module__}.{public.__qualname__}"] = public
     return list(found.items())
 

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from certnav.nav.commands.declare import summary
+
 EXAMPLES = sorted((Path(__file__).resolve().parents[1] / "examples").glob("*.py"))
 
 
@@ -19,3 +21,14 @@ def test_example_runs(example, tmp_path, monkeypatch, capsys):
     runpy.run_path(str(example), run_name="__main__")
     assert len(capsys.readouterr().out.splitlines()) >= 3
     assert "# %%" in example.read_text(encoding="utf-8")
+
+
+def test_own_data_is_drafted_as_its_page_says(tmp_path, monkeypatch):
+    """What `certnav declare` prints of the files, and what the draft has of the antenna."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    (example,) = (e for e in EXAMPLES if e.stem == "own_data")
+    draft = runpy.run_path(str(example))["draft"]
+    page = (example.parents[1] / "docs" / "own_data.md").read_text(encoding="utf-8")
+    assert "\n".join(summary(draft, Path("drive/sequence.toml"))) in page
+    (line,) = (line for line in draft.text().splitlines() if line.startswith("lever_frd_m"))
+    assert line.partition("a tape tells it")[0] in page

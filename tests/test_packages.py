@@ -16,8 +16,9 @@ from types import ModuleType
 import pytest
 
 PACKAGES = [
-    "datasets", "filters", "velocity", "velocity.study", "nav", "nav.check", "nav.compare",
-    "nav.report", "nav.results", "nav.spells", "nav.tune", "nav.windows",
+    "alignment", "alignment.levelling", "datasets", "filters", "velocity", "velocity.study", "nav",
+    "nav.check", "nav.compare", "nav.report", "nav.results", "nav.spells", "nav.tune",
+    "nav.windows",
 ]  # fmt: skip
 
 

@@ -5,6 +5,7 @@
     ddia_velocity(rows, forward_motion(C_eb, omega_b, lever_b), time)         # two or more
 
     range_rate         Doppler as linear equations in velocity
+    linearised         those equations, for any places or for the one of an epoch
     least_squares      their solution for four satellites or more, faults left out
     vehicle_motion     what the attitude says: a road vehicle moves where it points
     ddia               the velocity from one, two or more satellites with that help

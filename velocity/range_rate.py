@@ -26,6 +26,7 @@ from ..datasets.observations import GnssObservations
 from ..filters.earth import EARTH_RATE, OMEGA_IE_SKEW, SPEED_OF_LIGHT, C_en_of
 from ..filters.errors import ConfigError
 from ..filters.rotation import FloatArray
+from .linearised import at_one_place, by_position, rows_at
 
 
 class LineOfSight(NamedTuple):
@@ -316,42 +317,16 @@ def doppler_rows(
     if row.size < len(o):
         o = o.take(row)
         pos_e = pos_e[row] if pos_e.ndim == 2 else pos_e
-    sight = line_of_sight(pos_e, o.sat_pos_e, o.sat_vel_e)
-    e_e, z = rows_at(sight, pos_e, o.range_rate, o.sat_clock_drift)
+    if pos_e.ndim == 1:
+        e_e, z, moved = at_one_place(
+            pos_e, o.sat_pos_e, o.sat_vel_e, o.range_rate, o.sat_clock_drift
+        )
+    else:
+        sight = line_of_sight(pos_e, o.sat_pos_e, o.sat_vel_e)
+        e_e, z = rows_at(sight, pos_e, o.range_rate, o.sat_clock_drift)
+        moved = by_position(sight, pos_e)
     sigma = (noise or DopplerNoise()).sigma(o.cn0, o.elevation) * o.noise_factor
-    return DopplerRows(row, o.sat, e_e, z, sigma, _by_position(sight, pos_e))
-
-
-def rows_at(
-    sight: LineOfSight, pos_e: FloatArray, counted: FloatArray, sent: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return e/κ and z of range rates, shape (n, 3) and (n,).
-
-    Parameters
-    ----------
-    sight : LineOfSight
-        From `pos_e`.
-    pos_e : ndarray, shape (3,) or (n, 3)
-        Antenna [m].
-    counted, sent : ndarray, shape (n,)
-        Range rates R and the satellites' c·δṫ^s [m/s].
-    """
-    satellite = np.sum(sight.e_e * sight.sat_vel_i, axis=-1)
-    earth = np.sum(sight.e_e * (pos_e @ OMEGA_IE_SKEW.T), axis=-1)
-    stretch = (1.0 + satellite / SPEED_OF_LIGHT) / (1.0 + sent / SPEED_OF_LIGHT)
-    kappa = stretch * (1.0 - counted / SPEED_OF_LIGHT)
-    return sight.e_e / kappa[:, None], (satellite - earth - stretch * (counted + sent)) / kappa
-
-
-def _by_position(sight: LineOfSight, pos_e: FloatArray) -> FloatArray:
-    """Return ∂z/∂p of rows, to 1e-4 of it: z = e·(v^s − ω×p) + …, ∂e/∂p = −(I − eeᵀ)/ρ.
-
-    Left out are the derivatives of κ and of the turn during light time, both of order v/c.
-    """
-    moved = sight.sat_vel_i - pos_e @ OMEGA_IE_SKEW.T
-    along = np.sum(sight.e_e * moved, axis=-1)
-    across = sight.e_e * along[:, None] - moved
-    return np.asarray(across / sight.range[:, None] - sight.e_e @ OMEGA_IE_SKEW)
+    return DopplerRows(row, o.sat, e_e, z, sigma, moved)
 
 
 def elevation_azimuth(e_e: ArrayLike, pos_e: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -21,7 +21,8 @@ import numpy as np
 from ...filters.earth import C_en_of, ecef_to_lla
 from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray
-from ..problem import AlignmentProblem, AlignmentRows, ClockModel
+from ..problem import AlignmentProblem, ClockModel
+from ..rows import AlignmentRows
 from ..solver.constraints import lift
 from ..solver.elimination import eliminated
 from .signals import Signals

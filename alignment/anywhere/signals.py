@@ -25,7 +25,8 @@ from ...datasets.observations import GnssObservations
 from ...filters.earth import GM, OMEGA_IE_SKEW
 from ...filters.errors import DataError
 from ...filters.rotation import FloatArray
-from ...velocity.range_rate import DopplerNoise, line_of_sight, rows_at
+from ...velocity.linearised import rows_at
+from ...velocity.range_rate import DopplerNoise, line_of_sight
 
 
 @dataclass(frozen=True, eq=False)

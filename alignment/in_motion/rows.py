@@ -27,7 +27,7 @@ from ...datasets.observations import GnssObservations
 from ...filters.earth import GM, OMEGA_IE_SKEW, gravitation_e
 from ...filters.rotation import FloatArray
 from ...velocity.range_rate import DopplerNoise, DopplerRows, doppler_rows
-from ..problem import POSITION_SIGMA
+from ..rows import POSITION_SIGMA
 from .track import InertialTrack, earth_turn, summed
 
 

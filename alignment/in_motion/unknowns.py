@@ -20,7 +20,8 @@ from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray
 from ...filters.sensors import ImuSpec, imu_preset
 from ...velocity.range_rate import DopplerNoise
-from ..problem import POSITION_SIGMA, ClockModel
+from ..problem import ClockModel
+from ..rows import POSITION_SIGMA
 from ..verdict import VerdictLimits
 
 

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray, matrix_from_rotvec
 from ..priors import Prior
-from ..problem import AlignmentRows
+from ..rows import AlignmentRows
 from ..solver.refinement import rotation_angle
 
 #: Cells examined at a time, and the smallest half-width [rad].

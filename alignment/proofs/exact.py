@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..priors import Prior
-from ..problem import AlignmentRows, ClockModel
+from ..problem import ClockModel
+from ..rows import AlignmentRows
 from ..solver.exact_cost import ExactCost, integer_quaternion, multipliers_at
 from ..status import ProvedMinimum
 from .evidence import Evidence

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray, matrix_from_rotvec, orthonormalise
 from ...velocity.least_squares import solve
-from ..problem import AlignmentProblem, AlignmentRows
+from ..problem import AlignmentProblem
+from ..rows import AlignmentRows
 from ..solver.constraints import lift
 from ..solver.refinement import tangent_basis
 

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from ...filters.earth import GM, C_en_at, lla_to_ecef
 from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray
-from ..problem import AlignmentRows
+from ..rows import AlignmentRows
 
 #: Radius of the orbits [m] and inclination [rad].
 ORBIT_RADIUS = 2.656e7

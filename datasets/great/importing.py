@@ -92,7 +92,7 @@ def import_archives(archives: Iterable[str | Path], to: str | Path) -> ImportRep
     Parameters
     ----------
     archives : iterable of path
-        Zip archives (also nested), and plain files such as a reference solution.
+        Zip archives (also nested), plain files such as a reference solution, and folders of both.
     to : path
         Folder of the dataset: gets ``Dataset_<name>/…`` and ``GNSS_RAW_DATA/…``. It may hold
         earlier imports.
@@ -104,7 +104,7 @@ def import_archives(archives: Iterable[str | Path], to: str | Path) -> ImportRep
         that would replace a different file. Nothing has been put in place then.
     """
     home = Path(to)
-    files = [Path(a) for a in archives]
+    files = [file for archive in archives for file in _downloaded(Path(archive))]
     for archive in files:
         if not archive.is_file():
             raise DataError("no such file", file=archive, remedy="name the downloaded archives")
@@ -125,6 +125,13 @@ def import_archives(archives: Iterable[str | Path], to: str | Path) -> ImportRep
         raise
     placed = tuple((source, place.relative_to(home)) for source, _, place in plan)
     return ImportReport(placed, tuple(left_out), still_missing(home))
+
+
+def _downloaded(path: Path) -> list[Path]:
+    """Return a file, or all files of a folder of downloads."""
+    if not path.is_dir():
+        return [path]
+    return sorted(f for f in path.rglob("*") if f.is_file() and not f.name.startswith("."))
 
 
 @dataclass(frozen=True)

@@ -24,12 +24,11 @@ from ..axes import ATTITUDE, axes_matrix
 from ..text.columns import Column
 from ..text.toml_files import read_toml
 from ..time_scales import SCALES, UNITS, TimeScale
+from .blanks import refuse_blanks
 
 NAME = "sequence.toml"
 #: A line that declares a lever arm, for messages.
 LEVER_LINE = "lever_frd_m = [0.0, 0.0, -1.0]"
-#: The mark `certnav declare` leaves where only the user can know.
-BLANK = "?"
 
 _DEG, _G = np.pi / 180.0, STANDARD_GRAVITY
 #: Factor to rad/s or rad, and whether the column holds increments.
@@ -288,7 +287,7 @@ def read_declaration(path: str | Path) -> Declaration:
             raise sections["imu"].refuse("noise", "a table [imu.noise]")
         _check_keys(file, "imu.noise", noise)
         sections["imu.noise"] = Section(file, "imu.noise", noise)
-    _refuse_blanks(file, text, content)
+    refuse_blanks(file, text, content)
     name = content.get("name", file.resolve().parent.name)
     if not isinstance(name, str) or not re.fullmatch(r"[^/\\\x00]+", name):
         raise ConfigError(f"{file}: name: expected a short name, found {name!r}")
@@ -300,39 +299,6 @@ def _check_keys(file: Path, section: str, table: Mapping[str, Any]) -> None:
         if key not in KEYS[section]:
             where = f"{file}: [{section}]" if section else str(file)
             raise ConfigError.unknown_key(key, KEYS[section], where=where)
-
-
-def _refuse_blanks(file: Path, text: str, content: Mapping[str, Any]) -> None:
-    def blanks(table: Mapping[str, Any], prefix: str) -> Iterable[tuple[str, str]]:
-        for key, value in table.items():
-            if isinstance(value, Mapping):
-                yield from blanks(value, f"{prefix}.{key}" if prefix else key)
-            elif value == BLANK or (isinstance(value, list) and BLANK in value):
-                yield prefix, key
-
-    left = list(blanks(content, ""))
-    if left:
-        section, key = left[0]
-        line = _line_of(text, section, key)
-        hint = text.splitlines()[line - 1].partition("#")[2].strip() if line else ""
-        others = [f"{key} in line {_line_of(text, section, key)}" for section, key in left[1:]]
-        more = f" (and {len(others)} more: {', '.join(others)})" if others else ""
-        raise ConfigError(
-            f"{file}:{line}: [{section}] {key} is still '{BLANK}'{more} — fill it in"
-            + (f": {hint}" if hint else "")
-        )
-
-
-def _line_of(text: str, section: str, key: str) -> int:
-    """Return the line of a key, counted from 1; 0 if it is written in an unusual way."""
-    current = ""
-    for number, line in enumerate(text.splitlines(), start=1):
-        header = re.match(r"\s*\[([^\[\]]+)\]", line)
-        if header:
-            current = header[1].strip()
-        elif current == section and re.match(rf"\s*[\"']?{re.escape(key)}[\"']?\s*=", line):
-            return number
-    return 0
 
 
 def imu_spec(declaration: Declaration) -> ImuSpec:

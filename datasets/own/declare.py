@@ -20,7 +20,8 @@ from ..great.pvt import is_flt
 from ..receivers.bags import is_bag
 from ..text.columns import open_text
 from . import column_roles as roles
-from .declaration import BLANK, REFERENCE_FORMATS
+from .blanks import BLANK
+from .declaration import REFERENCE_FORMATS
 from .draft import Draft, Line
 from .receivers import bag_sections, kinds_of, with_week
 from .tables import draft_table, reference_lines

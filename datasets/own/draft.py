@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .declaration import BLANK, NAME
+from .blanks import BLANK, is_blank
+from .declaration import NAME
 
 #: In the order a declaration is read; a name with a point is a table in the one before.
 _ORDER = (*("imu", "imu.noise", "antenna", "vehicle", "gnss", "rinex", "odometer", "reference"),)
@@ -24,8 +25,8 @@ class Line(NamedTuple):
 
     @property
     def blank(self) -> bool:
-        """Whether it waits for an answer."""
-        return bool(self.key) and bool(self.value == BLANK)
+        """Whether it waits for an answer, as a whole or in part."""
+        return bool(self.key) and is_blank(self.value)
 
     def __str__(self) -> str:
         if not self.key:
@@ -65,8 +66,8 @@ class Draft:
         return next((x.value for x in self.sections.get(section, ()) if x.key == key), default)
 
     def asks(self, section: str, key: str) -> bool:
-        """Return whether a key is there and blank."""
-        return bool(self.get(section, key) == BLANK)
+        """Return whether a key is there and blank, as a whole or in part."""
+        return is_blank(self.get(section, key))
 
     def comment(self, section: str, key: str) -> str:
         """Return what stands beside a key."""

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from ...filters.errors import ConfigError, DataError
 from ..placing import write_file
-from .declaration import BLANK, read_declaration
+from .blanks import BLANK
+from .declaration import read_declaration
 from .declare import draft_of
 from .draft import Draft
 

@@ -10,7 +10,7 @@ from ..great.files import first_observation, rinex_kind
 from ..receivers.bags import bag_topics
 from ..receivers.raw_frames import FORMATS, find_frames
 from ..text.rinex_packing import is_packed, unpack
-from .declaration import BLANK
+from .blanks import BLANK
 from .draft import Line
 
 #: UBX-NAV-PVT holds fixes (`formats.ubx`).

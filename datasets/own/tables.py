@@ -7,8 +7,8 @@ import numpy as np
 from ...filters.errors import DataError
 from ..axes import ATTITUDE
 from . import column_roles as roles
+from .blanks import BLANK
 from .column_roles import Sampled
-from .declaration import BLANK
 from .draft import Line, remark
 
 SPEEDS = "m/s, km/h, knots, ft/s or mm/s"

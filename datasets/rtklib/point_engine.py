@@ -68,7 +68,21 @@ class PointEngine:
         self._nav, self._options, self._obs = nav, options, observations
         self._weak_sigma = weak_sigma
         self._number = {s: rtk.satid2no(str(s)) for s in np.unique(observations.sat)}
-        self._code = {s: rtk.obs2code(str(s)) for s in np.unique(observations.signal)}
+        code = {s: rtk.obs2code(str(s)) for s in np.unique(observations.signal)}
+        whole = np.floor(observations.time)
+        #: Of each row, as RTKLIB takes it: seconds and the part of one, satellite, signal, range,
+        #: C/N0.
+        self._rows = list(
+            zip(
+                (whole.astype(np.int64) + GPS_EPOCH_GTIME).tolist(),
+                (observations.time - whole).tolist(),
+                [self._number[s] for s in observations.sat.tolist()],
+                [code[s] for s in observations.signal.tolist()],
+                observations.pseudorange.tolist(),
+                np.nan_to_num(observations.cn0).tolist(),
+                strict=True,
+            )
+        )
         self._message, self._skyview = rtk.Arr1Dchar(128), rtk.Arr1Ddouble(2 * rtk.MAXOBS)
         self._status = rtk.Arr1Dssat_t(rtk.MAXSAT)
 
@@ -138,15 +152,9 @@ class PointEngine:
 
     def _fill(self, record: Any, row: int) -> None:
         """Fill a blank obsd_t with the pseudorange of one row; pntpos needs nothing else."""
-        obs = self._obs
-        whole = np.floor(obs.time[row])
-        record.time.time = int(whole) + GPS_EPOCH_GTIME
-        record.time.sec = float(obs.time[row] - whole)
-        record.sat = self._number[obs.sat[row]]
+        seconds, part, record.sat, record.code[0], record.P[0], record.SNR[0] = self._rows[row]
+        record.time.time, record.time.sec = seconds, part
         record.rcv = 1
-        record.code[0] = self._code[obs.signal[row]]
-        record.P[0] = float(obs.pseudorange[row])
-        record.SNR[0] = float(np.nan_to_num(obs.cn0[row]))
 
     def _sigma(
         self,

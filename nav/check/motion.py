@@ -48,6 +48,8 @@ class Inertial:
 
     def turned(self, C_ab: FloatArray) -> Inertial:
         """Return the same in axes a: ``x_a = C_ab @ x_b``."""
+        if np.array_equal(C_ab, np.eye(3)):
+            return self
         angle, velocity, gyro = (v @ C_ab.T for v in (self.angle, self.velocity, self.gyro))
         return Inertial(self.time, angle, velocity, gyro)
 

@@ -16,7 +16,7 @@ from ...filters.rotation import FloatArray
 from ...velocity.tracks import Track, Tracks, tracks
 from ..page import document
 from ..page.board import Board
-from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE
+from ..page.palette import BLUE, GREEN, GREY, INK, ORANGE
 from ..page.tables import Column, Table
 from ..page.thinning import pieces, thin
 from . import motion
@@ -47,7 +47,7 @@ def build_page(report: Report, sequence: Sequence | None) -> str:
         _verdict(report),
         *(_findings(report, severity, board) for severity in ("fatal", "doubtful")),
         _measured(report),
-        f'<h2>As recorded</h2>\n<p class="controls">{board.zooming()}</p>{drawn}' if drawn else "",
+        drawn and f'<h2>As recorded</h2>\n<p class="controls span">{board.zooming()}</p>{drawn}',
         _contents(report),
         _findings(report, "note", board),
         _numbers(report),
@@ -56,10 +56,7 @@ def build_page(report: Report, sequence: Sequence | None) -> str:
 
 
 def _verdict(report: Report) -> str:
-    worst = next((f for f in report.findings if f.severity != "note"), None)
-    text = f"It {report.verdict}."
-    more = "" if worst is None else f" {escape(worst.line)}."
-    return f'<p class="verdict"><strong>{escape(text)}</strong>{more}</p>'
+    return f'<p class="verdict"><strong>{escape(f"It {report.verdict}.")}</strong></p>'
 
 
 def _findings(report: Report, severity: str, board: Board) -> str:

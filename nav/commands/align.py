@@ -9,7 +9,8 @@ from pathlib import Path
 HELP = "find the attitude from Doppler and local velocity, window by window"
 DESCRIPTION = (
     "Certifiable alignment over sliding windows: heading of the vehicle from raw "
-    "Doppler and its own odometer, against the reference if there is one."
+    "Doppler and its own odometer, or its IMU where there is none, against the reference if "
+    "there is one."
 )
 EXAMPLE = "certnav align drive --window 15"
 
@@ -31,8 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rows", default="all", help="all, or los where the data are labelled")
     parser.add_argument("--decimate", type=int, default=1, metavar="K", help="every K-th epoch")
     parser.add_argument(
-        "--noise", default="fitted",
-        help="Doppler σ: fitted to the recording with its correlation, or assumed [fitted]",
+        "--noise",
+        help="Doppler σ: fitted to the recording with its correlation, or assumed [fitted; "
+        "assumed without an odometer]",
     )  # fmt: skip
     parser.add_argument(
         "--clock-walk", type=float, default=0.1, metavar="Q", help="of --clock random-walk, m/s/√s"
@@ -44,8 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--min-cn0", type=float, default=0.0, metavar="DB", help="[dB-Hz]")
     parser.add_argument(
-        "--level", type=float, default=2.0, metavar="DEG",
-        help="a car on a road is level within so much, 1σ; 0: nothing is known of it [2]",
+        "--level", type=float, metavar="DEG",
+        help="a car on a road is level within so much, 1σ; 0: nothing is known of it [2; 0 "
+        "without an odometer]",
     )  # fmt: skip
     parser.add_argument(
         "--position-sigma", type=float, metavar="M",
@@ -67,6 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Align every window of a recording and report."""
+    from dataclasses import replace
+
     from ...filters.errors import ConfigError
     from ..config import Config
     from ..results.summary import strict
@@ -83,7 +88,7 @@ def run(arguments: argparse.Namespace) -> None:
         satellites=arguments.satellites,
         labels=arguments.rows,
         decimate=arguments.decimate,
-        noise=arguments.noise,
+        noise=arguments.noise or "assumed",
         phase=arguments.phase,
         min_cn0=arguments.min_cn0,
         level_deg=arguments.level or None,
@@ -96,6 +101,16 @@ def run(arguments: argparse.Namespace) -> None:
             f"--proof: method '{options.method}' proves nothing that could be written"
         )
     sequence = checked_load(arguments.path, Config(), checked=not arguments.unchecked)
+    if arguments.proof is not None and sequence.odometer is None:
+        raise ConfigError(
+            f"--proof: {sequence.name} has no odometer, and rows that hang on integrals of the IMU "
+            "are none that a proof file holds — leave --proof out"
+        )
+    if sequence.odometer is not None:  # its windows can bear more, unless told otherwise
+        options = replace(
+            options, noise=arguments.noise or "fitted",
+            level_deg=2.0 if arguments.level is None else options.level_deg,
+        )  # fmt: skip
     results, noise = align_recording(sequence, options)
     if arguments.proof is not None:
         write_proofs(sequence.name, results, arguments.proof, options)

@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``certnav datasets`` to its parser."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION")
     arrange = actions.add_parser("import", help="arrange downloaded archives")
-    arrange.add_argument("archives", type=Path, nargs="+", metavar="ZIP")
+    arrange.add_argument("archives", type=Path, nargs="+", metavar="ZIP", help="or folders of them")
     arrange.add_argument("--to", type=Path, required=True, metavar="DIR")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,7 +62,10 @@ def summary(draft: Draft, out: Path) -> list[str]:
     lines = [f"{out}: {len(lines)} values measured", *lines]
     if draft.blanks:
         lines.append(f"{len(draft.blanks)} blanks left for you, each with what is known beside it:")
-        lines += [f"  [{name}] {key}" for name, key in draft.blanks]
+        for name, key in draft.blanks:
+            value = draft.get(name, key)  # a list is blank in part
+            known = f" = {json.dumps(value)}" if isinstance(value, list) else ""
+            lines.append(f"  [{name}] {key}{known}")
     whole = out.name == "sequence.toml"
     where = out.parent if whole and str(out.parent) != "." else out
     return [*lines, f"{'then' if draft.blanks else 'next'}:  certnav check {where}"]

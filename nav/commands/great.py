@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_replaceable(out)
     home = (arguments.data or out / "data").resolve()
     folders = _arranged(arguments.archives, home, arguments.only)
-    asked(home, (arguments.declared or out / "declared.toml").resolve(), folders)
+    asked(home, arguments.declared or arguments.out / "declared.toml", folders)
     announce_kernels()
     out.mkdir(parents=True, exist_ok=True)
     work = Work(tuple(folders), config, outages, tuple(methods), arguments.jobs,
@@ -117,9 +117,9 @@ def _arranged(archives: Iterable[Path], home: Path, only: str | None) -> list[Pa
     from ...datasets.great.importing import import_archives
     from ...filters.errors import ConfigError, DataError
 
-    files = [file for path in archives for file in _files(path)]
-    if files:
-        made = import_archives(files, home)
+    downloads = list(archives)
+    if downloads:
+        made = import_archives(downloads, home)
         print(f"{len(made.placed)} files arranged in {home}")
         for name, lacking in made.missing.items():
             print(f"  {name:<14}{'lacks ' + ', '.join(lacking) if lacking else 'complete'}")
@@ -136,10 +136,3 @@ def _arranged(archives: Iterable[Path], home: Path, only: str | None) -> list[Pa
                 raise ConfigError.unknown_key(name, [e.name for e in there], where="--only")
         there = [e for e in there if e in wanted]
     return [home / f"Dataset_{e.name}" for e in there]
-
-
-def _files(path: Path) -> list[Path]:
-    """Return a file, or all files of a folder of downloads."""
-    if not path.is_dir():
-        return [path]
-    return sorted(f for f in path.rglob("*") if f.is_file() and not f.name.startswith("."))

@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...filters.rotation import FloatArray
-from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION, WIDTH
+from ..page.palette import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
+from ..page.pictures import WIDTH
 from ..spells.drift import SpellFigures
 from .runs import Comparison, Run
 

@@ -13,7 +13,7 @@ from bokeh.plotting import figure
 
 from ...filters.rotation import FloatArray
 from ..notes import clock
-from ..page.pictures import INK
+from ..page.palette import INK
 from ..page.plots import Plots
 from .figures import LEAST, metres, spells_by_run, style_of
 from .runs import Comparison, Run

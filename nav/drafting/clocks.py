@@ -271,10 +271,11 @@ def _found_start(imu: Inertial, track: Track, search: float) -> Lag | None:
     )
     if turns is None or turns.explained < _TURNS or not turns.conclusive:
         return None
-    near = imu.shifted(-turns.lag)
-    for y in (moves.along, moves.across):
-        other = find_lag(near.time, near.velocity[:, :2], moves.start, moves.end, y[:, None])
-        if other is not None and other.conclusive and abs(other.lag) < _SAME:
-            # Turns lag behind the course by the way to the axle: speed and cornering do not.
-            return dataclasses.replace(other, lag=turns.lag + other.lag, explained=turns.explained)
-    return None
+    # Turns lag behind the course by the way to the axle, or lead it by that to the antenna; so
+    # does cornering, speed does not: together they say to what.
+    near = time_offset(imu.shifted(-turns.lag), track, _DISTANCE)
+    if near is None or not any(
+        what != "turn rate" and abs(lag.lag) < _SAME for what, lag in near.evidence
+    ):
+        return None
+    return dataclasses.replace(turns, lag=turns.lag + near.lag, sigma=near.sigma)

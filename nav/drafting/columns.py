@@ -13,7 +13,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...datasets.own import column_roles as roles
-from ...datasets.own.declaration import ANGLE_UNITS, BLANK
+from ...datasets.own.blanks import BLANK
+from ...datasets.own.declaration import ANGLE_UNITS
 from ...datasets.own.draft import Draft
 from ...datasets.text.columns import open_text
 from ...datasets.time_scales import UNITS

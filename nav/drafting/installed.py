@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 
+from ...datasets.own.blanks import BLANK
 from ...datasets.own.draft import Draft
 from ...datasets.sequence import Sequence
 from ...filters.errors import NavError
@@ -19,8 +20,10 @@ _LONGEST = 400.0
 _EVERY = 1.0
 #: What is known of a lever arm beforehand: a car's size, 1σ [m].
 _CAR = 1.5
-#: It is proposed where every axis is known to this, 1σ [m]; each axis is said from here on.
-_KNOWN, _SAID = 0.15, 0.3
+#: And of time stamps, 1σ [s]: in a turn a delay moves velocities as an arm does, braking does not.
+_DELAY = 0.05
+#: An axis is proposed that is known to this, 1σ [m].
+_KNOWN = 0.3
 #: What a navigation's σ leaves out of it: phase centres, springs, delays of centimetres.
 _FACTOR = 2.0
 
@@ -48,12 +51,44 @@ def mounting(draft: Draft, sequence: Sequence) -> None:
 
 
 def lever(draft: Draft, sequence: Sequence) -> None:
-    """Write the lever arm where motion shows all of it; else say what it shows."""
+    """Write how far forward and right the antenna is, where turns show it; down stays blank.
+
+    Up and down move the antenna in pitch and roll alone, of which a road has little, and springs
+    and mounting as much: what a run believes of it has been wrong, and a tape tells it.
+    """
     if not draft.asks("antenna", "lever_frd_m"):
         return
+    try:
+        found = navigate(_untold(sequence), Config())
+    except NavError as error:
+        draft.leave("antenna", "lever_frd_m", f"not measured: {error}")
+        return
+    if found.installation is None or found.status != "ok":
+        draft.leave("antenna", "lever_frd_m", "not measured: the run that would doubts itself")
+        return
+    antenna = found.installation.antenna
+    arm, sigma = antenna.lever_b[:2], _FACTOR * antenna.sigma[:2]
+    seen = [
+        f"{name} {value:+.2f} ± {s:.2f} m" if s < _KNOWN else f"{name} not told by this drive"
+        for name, value, s in zip(("forward", "right"), arm, sigma, strict=True)
+    ]
+    told = sigma < _KNOWN
+    if not told.any():
+        draft.leave("antenna", "lever_frd_m", "not measured: too little turning")
+        return
+    value = [round(float(v), 2) + 0.0 if ok else BLANK for v, ok in zip(arm, told, strict=True)]
+    evidence = f"measured: {', '.join(seen)}, by a run; down shows in no turn, a tape tells it"
+    draft.put("antenna", "lever_frd_m", [*value, BLANK], evidence)
+    worst = round(float(sigma[told].max()), 2)
+    draft.put("antenna", "lever_sigma_m", worst, "of what was measured; a run estimates the rest")
+
+
+def _untold(sequence: Sequence) -> Sequence:
+    """Return some minutes of the recording, of whose antenna and delay nothing is known."""
     calibration = dataclasses.replace(
         sequence.calibration, lever_antenna_b=np.zeros(3), lever_antenna_sigma=_CAR,
         lever_antenna_source="not declared",
+        delay_sigma=max(sequence.calibration.delay_sigma, _DELAY),
     )  # fmt: skip
     part, fixes = sequence.inertial, sequence.fixes
     part = part.between(part.time[0], min(part.time[-1], part.time[0] + _LONGEST))
@@ -61,34 +96,6 @@ def lever(draft: Draft, sequence: Sequence) -> None:
         fixes = fixes.take(
             slice(None, None, max(1, round(_EVERY / float(np.median(np.diff(fixes.time))))))
         )
-    alone = dataclasses.replace(
+    return dataclasses.replace(
         sequence, imu=part, fixes=fixes, calibration=calibration, reference=None
     )
-    try:
-        solution = navigate(alone, Config())
-    except NavError as error:
-        draft.leave("antenna", "lever_frd_m", f"not measured: {error}")
-        return
-    if solution.installation is None or solution.status == "lost":
-        draft.leave("antenna", "lever_frd_m", "not measured: no solution")
-        return
-    antenna = solution.installation.antenna
-    sigma, arm = _FACTOR * antenna.sigma, antenna.lever_b
-    if sigma.max() < _KNOWN:
-        value = [round(float(v), 2) + 0.0 for v in arm]
-        draft.put("antenna", "lever_frd_m", value, f"measured: ± {sigma.max():.2f} m, by a run")
-        draft.put(
-            "antenna", "lever_sigma_m", round(float(sigma.max()), 2), "a run estimates the rest"
-        )
-        return
-    said = [
-        f"{name} {value:+.2f} ± {s:.2f}"
-        for name, value, s in zip(("forward", "right", "down"), arm, sigma, strict=True)
-        if s < _SAID
-    ]
-    open_ = [
-        name for name, s in zip(("forward", "right", "down"), sigma, strict=True) if s >= _SAID
-    ]
-    reason = f"measured by a run: {', '.join(said)} m" if said else "not measured"
-    rest = f"; {' and '.join(open_)} not told by this drive" if open_ else ""
-    draft.leave("antenna", "lever_frd_m", reason + rest)

@@ -20,7 +20,9 @@ from . import clocks, columns, installed, trial, truth, turned, velocities
 #: What stands beside a key says what follows from it.
 _FOLLOWS = {
     ("imu.noise", "preset"): "how fast the covariance grows where GNSS is gone",
-    ("antenna", "lever_frd_m"): "0.0 with lever_sigma_m = 1.5 if you cannot measure it: estimated",
+    ("antenna", "lever_frd_m"): (
+        "0.0 with lever_sigma_m = 1.5 where you cannot measure: estimated, off until turns show it"
+    ),
     ("vehicle", "mounting_rpy_deg"): (
         "follows: no sideways velocity is asked of the rear axle (a car; not of a boat, walker: "
         "--set vehicle.kind)"
@@ -108,10 +110,11 @@ def _track(draft: Draft) -> tuple[Track | None, clocks.Clock | None]:
 def _installation(draft: Draft, coarse_rpy_deg: list[float]) -> None:
     """Measure mounting and lever arm, if the recording can be read with what is there."""
     answers = {("vehicle", "mounting_rpy_deg"): coarse_rpy_deg}
-    if draft.asks("imu", "axes") or draft.asks("imu", "gyro_unit"):
-        return
-    sequence = trial.sequence_if_read(draft, answers)
+    sequence = None
+    if not draft.asks("imu", "axes") and not draft.asks("imu", "gyro_unit"):
+        sequence = trial.sequence_if_read(draft, answers)
     if sequence is None:
+        draft.leave("antenna", "lever_frd_m", "not measured: the recording cannot be navigated yet")
         return
     installed.mounting(draft, sequence)
     sequence = trial.sequence_if_read(draft, {})

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ...datasets.observations import GnssFixes, GnssObservations
-from ...datasets.own.declaration import BLANK, NAME, Declaration, Section
+from ...datasets.own.blanks import is_blank
+from ...datasets.own.declaration import NAME, Declaration, Section
 from ...datasets.own.draft import Draft
 from ...datasets.own.pvt_columns import Timed, read_timed
 from ...datasets.own.reader import read_fixes, read_imu, read_rinex, sequence_of
@@ -69,7 +70,7 @@ def declaration(draft: Draft, answers: Mapping[tuple[str, str], Any] | None = No
     tables = draft.tables(answers or {})
     for name, table in tables.items():
         trial = _ANSWERS.get(name, {})
-        for key in [k for k, value in table.items() if value == BLANK]:
+        for key in [k for k, value in table.items() if is_blank(value)]:
             if key == "time_scale":
                 table[key] = "gps-calendar" if has_dates(draft, name) else "relative"
             elif key in _OPTIONAL:

@@ -11,7 +11,8 @@ import numpy as np
 
 from ...datasets.axes import ATTITUDE, rpy_of
 from ...datasets.displacement import agreement
-from ...datasets.own.declaration import ANGLE_UNITS, BLANK
+from ...datasets.own.blanks import BLANK
+from ...datasets.own.declaration import ANGLE_UNITS
 from ...datasets.own.draft import Draft
 from ...datasets.sequence import Sequence
 from ...filters.rotation import FloatArray

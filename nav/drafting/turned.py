@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...datasets.own.declaration import BLANK, GYRO_UNITS
+from ...datasets.own.blanks import BLANK
+from ...datasets.own.declaration import GYRO_UNITS
 from ...datasets.own.draft import Draft
 from ...datasets.series import ImuData
 from ..check.orientation import (

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...datasets.displacement import Agreement, agreement
-from ...datasets.own.declaration import ANGLE_UNITS, BLANK, LENGTH_UNITS, SPEED_UNITS
+from ...datasets.own.blanks import BLANK
+from ...datasets.own.declaration import ANGLE_UNITS, LENGTH_UNITS, SPEED_UNITS
 from ...datasets.own.draft import Draft
 from ...filters.earth import C_en_of, lla_to_ecef
 from ...filters.rotation import FloatArray

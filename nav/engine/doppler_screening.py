@@ -15,6 +15,7 @@ from ...filters import measurements
 from ...filters.ekf import ErrorStateFilter
 from ...filters.gnss_states import CLOCK_DRIFT_SIGMA
 from ...filters.measurement_update import gate_limit
+from ...filters.measurements import Measurement
 from ...filters.rotation import FloatArray
 from ...velocity.aided_screening import agreeing
 from ...velocity.range_rate import DopplerRows
@@ -47,16 +48,24 @@ class DopplerScreening:
         self._until.clear()
 
     def test(
-        self, kalman: ErrorStateFilter, calibration: Calibration, rows: DopplerRows, time: float
+        self,
+        kalman: ErrorStateFilter,
+        calibration: Calibration,
+        rows: DopplerRows,
+        time: float,
+        antenna: Measurement | None = None,
     ) -> NDArray[np.bool_]:
         """Return which rows to use; the others are held off from now on.
+
+        `antenna` is `antenna_motion` of the filter as it is, where that is known already.
 
         A satellite on hold is tested too, after the others: while it disagrees with them, its
         time does not run. Where there are no others, those on hold are held against the filter all
         together: some of them may fit by where they stand in the sky.
         """
         held = self.held(rows, time)
-        all_H, all_z, P = _linear(kalman, calibration, rows)
+        antenna = antenna_motion(kalman, calibration) if antenna is None else antenna
+        all_H, all_z, P = _linear(kalman, antenna, rows)
         H, z = all_H[~held], all_z[~held]
         keep = agreeing(H, z, P, self.significance) if z.size else np.zeros(0, dtype=bool)
         if z.size >= 3 and 2 * keep.sum() < z.size:
@@ -85,16 +94,20 @@ class DopplerScreening:
         return used
 
 
+def antenna_motion(kalman: ErrorStateFilter, calibration: Calibration) -> Measurement:
+    """Return what the filter says of the antenna's velocity: −z, and its derivative H."""
+    n, point = kalman.model.size, kalman.antenna_point(calibration.lever_antenna_b)
+    return measurements.velocity(kalman.state, n, np.zeros(3), np.eye(3), point, kalman.omega_b)
+
+
 def _linear(
-    kalman: ErrorStateFilter, calibration: Calibration, rows: DopplerRows
+    kalman: ErrorStateFilter, antenna: Measurement, rows: DopplerRows
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return whitened rows in antenna velocity and clock drift: H (n, 4), z (n,) and P (4, 4)."""
-    n, point = kalman.model.size, kalman.antenna_point(calibration.lever_antenna_b)
-    m = measurements.velocity(kalman.state, n, np.zeros(3), np.eye(3), point, kalman.omega_b)
-    predicted = -m.z
+    predicted = -antenna.z
     clock = kalman.model.clock
-    J = np.zeros((4, n))
-    J[:3] = m.H
+    J = np.zeros((4, kalman.model.size))
+    J[:3] = antenna.H
     if clock is not None:
         J[3, clock] = 1.0
     P = J @ kalman.P @ J.T

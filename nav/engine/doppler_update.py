@@ -24,7 +24,7 @@ from ...velocity.range_rate import DopplerRows, doppler_rows
 from ..config import Config, GnssConfig
 from ..solution import Update
 from . import ddia_update
-from .doppler_screening import DopplerScreening
+from .doppler_screening import DopplerScreening, antenna_motion
 from .events import GnssEvent, doppler_noise
 from .fix_update import logged
 
@@ -92,7 +92,8 @@ class DopplerUpdates:
         if insist:
             self._doubt(event, rows, checked)
         held = self._screening.held(rows, time)
-        keep = self._screening.test(kalman, calibration, rows, time)
+        antenna = antenna_motion(kalman, calibration)
+        keep = self._screening.test(kalman, calibration, rows, time, antenna)
         self._log_exclusion(time, rows.take(~keep & ~held))
         self.agreed = bool(keep.any()) and not checked
         count = int(keep.sum())
@@ -103,9 +104,9 @@ class DopplerUpdates:
             if count == 4:
                 reason = "four satellites, fewer the epoch before"
             return Update(time, event.kind, tuple(rows.sat.tolist()), reason=reason)
-        return self._apply(time, rows.take(keep), enough)
+        return self._apply(time, rows.take(keep), enough, antenna)
 
-    def _apply(self, time: float, rows: DopplerRows, enough: bool) -> Update:
+    def _apply(self, time: float, rows: DopplerRows, enough: bool, antenna: Measurement) -> Update:
         kalman, calibration, config = self.kalman, self.calibration, self.config
         gate = config.filter.gate_probability
         kind = "velocity" if enough else "doppler"
@@ -114,7 +115,8 @@ class DopplerUpdates:
             if found is None:
                 return Update(time, kind, names, reason=reason)
             return logged(time, kind, names, found, reason)
-        outcome = kalman.update(self._adapted(rows_measurement(kalman, calibration, rows)), gate)
+        measurement = rows_measurement(kalman, calibration, rows, antenna)
+        outcome = kalman.update(self._adapted(measurement), gate)
         if not enough and self.forward and outcome.accepted:
             straight = kalman.update(straight_ahead(kalman, calibration), gate)
             self.log(logged(time, "nhc", (), straight))
@@ -152,13 +154,19 @@ class DopplerUpdates:
 
 
 def rows_measurement(
-    kalman: ErrorStateFilter, calibration: Calibration, rows: DopplerRows
+    kalman: ErrorStateFilter,
+    calibration: Calibration,
+    rows: DopplerRows,
+    antenna: Measurement | None = None,
 ) -> Measurement:
-    """Return the range rates of an epoch as one measurement; two rows or more without a clock."""
-    return measurements.range_rates(
-        kalman.state, kalman.model.size, rows.e_e, rows.z, rows.sigma,
-        kalman.antenna_point(calibration.lever_antenna_b), kalman.omega_b, kalman.model.clock,
-        kalman.gnss.clock_drift, rows.z_by_pos, tuple(rows.sat.tolist()),
+    """Return the range rates of an epoch as one measurement; two rows or more without a clock.
+
+    `antenna` is `antenna_motion` of the filter as it is, where that is known already.
+    """
+    antenna = antenna_motion(kalman, calibration) if antenna is None else antenna
+    return measurements.range_rates_of(
+        antenna, rows.e_e, rows.z, rows.sigma, kalman.model.clock, kalman.gnss.clock_drift,
+        rows.z_by_pos, tuple(rows.sat.tolist()),
     )  # fmt: skip
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections import deque
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 
@@ -39,6 +39,10 @@ _EVIDENT = 2.0
 #: What the refusal of two or three satellites counts for: with the usual patience of ten seconds a
 #: filter is doubted for them after half a minute, by when a car has left a reflection behind.
 _FEW = 1.0 / 3.0
+
+
+_Of = TypeVar("_Of")
+_Became = TypeVar("_Became")
 
 
 class Diverged(DataError):
@@ -146,9 +150,11 @@ class FilterLoop:
 
     def advance(self, until: float) -> None:
         """Propagate to `until` [s], with the constraints on the way."""
-        with self._watched():
-            self.constrain(until)
-            self._propagate(until)
+        self._watched(self._advance, until)
+
+    def _advance(self, until: float) -> None:
+        self.constrain(until)
+        self._propagate(until)
 
     def _propagate(self, until: float) -> None:
         while self.spells and self.spells[0][1] <= self.kalman.time:
@@ -161,19 +167,20 @@ class FilterLoop:
         elif kalman.time > begin:
             self._heading.propagated(vel_e, C_eb, kalman.time - begin, kalman)
 
-    @contextmanager
-    def _watched(self) -> Iterator[None]:
-        """Raise `Diverged` if the solution does not survive what is done in the context."""
+    def _watched(self, does: Callable[[_Of], _Became], of: _Of) -> _Became:
+        """Do it; raise `Diverged` if the solution does not survive that."""
         problem = f"the solution diverged after {self.kalman.time:.1f} s"
         remedy = "check units and axes of the IMU, and the IMU preset"
         try:
-            yield
+            became = does(of)
         except Lost:
             raise
         except (DataError, np.linalg.LinAlgError) as error:
             raise Diverged(problem, remedy=remedy) from error
-        if not (np.isfinite(self.kalman.pos_e).all() and np.isfinite(self.kalman.P).all()):
+        # What is not finite stays so in a sum.
+        if not np.isfinite(self.kalman.pos_e.sum() + self.kalman.P.sum()):
             raise Diverged(problem, remedy=remedy)
+        return became
 
     def offer(self, event: GnssEvent) -> Update:
         """Advance to an event and offer it; return what became of it, which is logged too.
@@ -200,8 +207,7 @@ class FilterLoop:
             update = Update(event.time, event.kind, event.satellites, reason=why)
         else:
             self.advance(event.time)
-            with self._watched():
-                update = self._apply(event)
+            update = self._watched(self._apply, event)
             self._sanity.look(self.kalman)
             if event.kind == "velocity":
                 agreed = update.satellites if update.accepted else ()

@@ -18,6 +18,7 @@ the gate threw out is reported with the gate; in a mean it would drown everythin
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence as Listing
 from dataclasses import dataclass
 
@@ -338,7 +339,7 @@ def normalised_nis(updates: Listing[Update], kind: str | None = None) -> float |
     ratios = [
         u.nis / len(u.whitened)
         for u in updates
-        if u.accepted and not u.reason and np.isfinite(u.nis) and kind in (None, u.kind)
+        if u.accepted and not u.reason and math.isfinite(u.nis) and kind in (None, u.kind)
     ]
     return float(np.mean(ratios)) if ratios else None
 

@@ -75,12 +75,7 @@ window.certnav = (() => {
     if (cell) cell.textContent = count;
   }
   function shade(low, high) {
-    for (let k = 0; ; k++) {
-      const box = model(`span-${k}`);
-      if (!box) return;
-      box.left = low;
-      box.right = high;
-    }
+    model("span")?.setv({ left: low, right: high });
   }
   // Lines are thinned to what a page of the whole shows; of a short span all epochs are here.
   const thinned = new Map();
@@ -133,8 +128,9 @@ window.certnav = (() => {
       plot.y_range.setv({ start: low, end: high });
     }
   }
-  const plots = () => models().filter((m) => m.type === "Figure"
-    && m.x_range === range && m.renderers.some((r) => r.data_source?.tags?.includes("scale")));
+  const is_plot = (m) => m.type === "Plot" || m.type === "Figure";
+  const plots = () => models().filter((m) => is_plot(m) && m.x_range === range
+    && m.renderers.some((r) => r.data_source?.tags?.includes("scale")));
 
   let waiting = null;
   function zoomed() {
@@ -209,7 +205,7 @@ window.certnav = (() => {
     const root = documents().map((doc) => doc.get_model_by_id(id)).find(Boolean);
     if (!root || (event.key !== "0" && !keys[event.key])) return;
     event.preventDefault();
-    const shown = [...root.references()].filter((m) => m.type === "Figure");
+    const shown = [...root.references()].filter(is_plot);
     if (range && shown.some((plot) => plot.x_range === range)) {
       if (event.key === "0") clear(); else by(...keys[event.key])();
     } else if (event.key === "0") {

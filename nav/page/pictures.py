@@ -1,7 +1,4 @@
-"""Figures for papers: one style for all, and the palette of pages and figures.
-
-Colours are Okabe and Ito's, which stay apart for colour-blind readers and in grey.
-"""
+"""Figures for papers: one style for all."""
 
 from __future__ import annotations
 
@@ -12,10 +9,10 @@ from typing import TypeVar
 import matplotlib
 from matplotlib.figure import Figure
 
+from .palette import INK
+
 T = TypeVar("T")
 
-BLUE, ORANGE, GREEN, VERMILLION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
-SKY, GREY, INK = "#56B4E9", "#8A8F98", "#1F2933"
 #: Of a figure over the whole of a page [in].
 WIDTH = 11.2
 _STYLE = {

@@ -10,7 +10,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from html import escape
 from importlib.resources import files
 from typing import Any
@@ -19,14 +20,31 @@ from bokeh.document import Document
 from bokeh.embed import components
 from bokeh.layouts import gridplot
 from bokeh.model import Model
-from bokeh.models import CustomJS, HoverTool, Legend, LegendItem
+from bokeh.models import (
+    AllIndices,
+    AllLabels,
+    Axis,
+    CDSView,
+    ColumnDataSource,
+    CustomJS,
+    GlyphRenderer,
+    HoverTool,
+    Legend,
+    LegendItem,
+    Plot,
+    Selection,
+    UnionRenderers,
+)
+from bokeh.models.glyph import Glyph
 from bokeh.plotting import figure
 from bokeh.resources import Resources
+from bokeh.settings import settings
 
-from .pictures import INK
+from .palette import INK
 
 _FONT = '"Source Sans 3", "Segoe UI", "Helvetica Neue", Helvetica, Arial, sans-serif'
-_GRID, _AXIS, _QUIET = "#E4E7EB", "#A7AEB8", "#5B6673"
+GRID = "#E4E7EB"
+_AXIS, _QUIET = "#A7AEB8", "#5B6673"
 #: What zooms, moves and shows the whole of a plot that has the keyboard's focus (`page.js`).
 _KEYS = "+ - ArrowLeft ArrowRight 0"
 #: Lengths of dashes and gaps [px], by Bokeh's names, as a sample of a line draws them.
@@ -38,6 +56,9 @@ class Plots:
 
     def __init__(self) -> None:
         self._placed: list[Model] = []
+        # What has no state of its own is there once: making a page takes as long as it has models.
+        self._all, self._labels = AllIndices(), AllLabels()
+        self._union, self._none = UnionRenderers(), Selection()  # nothing is ever selected
 
     def free(
         self, x: str, y: str, title: str = "", height: int = 300, **options: Any
@@ -54,25 +75,51 @@ class Plots:
         plot.js_on_event("doubletap", CustomJS(args={"plot": plot}, code="plot.reset.emit()"))
         return plot
 
+    def source(self, columns: Mapping[str, Any], **options: Any) -> ColumnDataSource:
+        """Return a source of columns."""
+        return ColumnDataSource(
+            dict(columns), selected=self._none, selection_policy=self._union, **options
+        )
+
+    def drawing(self, source: ColumnDataSource, glyph: Glyph, **options: Any) -> GlyphRenderer:
+        """Return what draws a glyph for each row of a source, in every plot it is given to."""
+        view = CDSView(filter=self._all)
+        return GlyphRenderer(data_source=source, glyph=glyph, view=view, **options)
+
+    def draw(
+        self, plot: Plot, source: ColumnDataSource, glyph: Glyph, label: str = "", **options: Any
+    ) -> GlyphRenderer:  # fmt: skip
+        """Draw a glyph for each row of a source, and name it in the legend.
+
+        Plots' own methods do the same with three glyphs: two more for what is selected or muted,
+        which nothing here ever is.
+        """
+        drawn = self.drawing(source, glyph, **options)
+        plot.renderers.append(drawn)
+        self.legend(plot, label, [drawn])
+        return drawn
+
     @staticmethod
-    def legend(plot: figure, label: str, drawn: list[Any]) -> None:
+    def legend(plot: Plot, label: str, drawn: list[Any]) -> None:
         """Name what was drawn, over the plot and out of its way."""
         if not label:
             return
-        if not plot.legend:
-            plot.add_layout(
-                Legend(
-                    orientation="horizontal", location="right", border_line_color=None,
-                    background_fill_alpha=0.0, padding=0, margin=0, spacing=14, glyph_width=16,
-                    label_text_font_size="12px", label_text_color=INK, label_text_font=_FONT,
-                    click_policy="hide", label_height=14, glyph_height=14,
-                ),
-                "above",
-            )  # fmt: skip
-        plot.legend[0].items.append(LegendItem(label=label, renderers=drawn))
+        item = LegendItem(label=label, renderers=drawn)
+        for legend in plot.above:
+            if isinstance(legend, Legend):
+                legend.items.append(item)
+                return
+        plot.above.append(
+            Legend(
+                orientation="horizontal", location="right", border_line_color=None,
+                background_fill_alpha=0.0, padding=0, margin=0, spacing=14, glyph_width=16,
+                label_text_font_size="12px", label_text_color=INK, label_text_font=_FONT,
+                click_policy="hide", label_height=14, glyph_height=14, items=[item],
+            )
+        )  # fmt: skip
 
     @staticmethod
-    def tell(plot: figure, drawn: Any, *lines: tuple[str, str]) -> None:
+    def tell(plot: Plot, drawn: Any, *lines: tuple[str, str]) -> None:
         """Let the pointer over what was drawn tell of it: pairs of a name and a Bokeh template."""
         plot.add_tools(HoverTool(renderers=[drawn], tooltips=list(lines), visible=False))
 
@@ -99,7 +146,7 @@ class Plots:
             '<button type="button" data-all="false">none</button></p>'
         )
 
-    def place(self, rows: Sequence[Sequence[figure]], alt: str, stretch: bool = True) -> str:
+    def place(self, rows: Sequence[Sequence[Plot]], alt: str, stretch: bool = True) -> str:
         """Return where in the page a grid of plots goes, under one toolbar; `alt` tells of them.
 
         Without `stretch` plots keep their size, where shape is what they show.
@@ -114,7 +161,7 @@ class Plots:
         )  # fmt: skip
         return self._hole(model, alt)
 
-    def cells(self, plots: Sequence[figure], alt: str, columns: int = 1) -> str:
+    def cells(self, plots: Sequence[Plot], alt: str, columns: int = 1) -> str:
         """Return where in the page plots go side by side, and below each other on a phone."""
         holes = "".join(
             self._hole(plot, f"{alt}: {plot.title.text}" if plot.title.text else alt)
@@ -138,7 +185,8 @@ class Plots:
         with document.models.freeze():  # or all models are counted again with each plot
             for model in self._placed:
                 document.add_root(model)
-        script, places = components(tuple(self._placed), wrap_script=False)
+        with _unchecked():
+            script, places = components(tuple(self._placed), wrap_script=False)
         numbers: dict[str, str] = {}
         script = _renumbered(script, numbers)
         for k, place in enumerate(places):
@@ -147,19 +195,42 @@ class Plots:
         return body, f"{library}\n<script>\n{own}\n{script}\n</script>"
 
 
-def look(plot: figure) -> None:
+def look(plot: Plot) -> None:
     """Give a plot the look of all: quiet axes, light grid, letters that can be read."""
-    plot.background_fill_color = plot.border_fill_color = None
-    plot.outline_line_color = None
-    plot.title.text_font, plot.title.text_font_size = _FONT, "13px"
-    plot.title.text_color, plot.title.text_font_style = INK, "normal"
-    plot.axis.axis_label_text_font = plot.axis.major_label_text_font = _FONT
-    plot.axis.axis_label_text_font_style = "normal"
-    plot.axis.axis_label_text_font_size = plot.axis.major_label_text_font_size = "12px"
-    plot.axis.axis_label_text_color = plot.axis.major_label_text_color = _QUIET
-    plot.axis.axis_line_color = plot.axis.major_tick_line_color = _AXIS
-    plot.axis.minor_tick_line_color = None
-    plot.grid.grid_line_color = _GRID
+    look_of_frame(plot)
+    for axis in plot.axis:
+        look_of_axis(axis)
+    plot.grid.grid_line_color = GRID
+
+
+def look_of_frame(plot: Plot) -> None:
+    """Give a plot's title and background the look of all."""
+    plot.update(background_fill_color=None, border_fill_color=None, outline_line_color=None)
+    plot.title.update(
+        text_font=_FONT, text_font_size="13px", text_color=INK, text_font_style="normal"
+    )
+
+
+def look_of_axis(axis: Axis) -> None:
+    """Give an axis the look of all."""
+    axis.update(
+        axis_label_text_font=_FONT, axis_label_text_font_size="12px",
+        axis_label_text_font_style="normal", axis_label_text_color=_QUIET,
+        major_label_text_font=_FONT, major_label_text_font_size="12px",
+        major_label_text_color=_QUIET, axis_line_color=_AXIS, major_tick_line_color=_AXIS,
+        minor_tick_line_color=None,
+    )  # fmt: skip
+
+
+@contextmanager
+def _unchecked() -> Iterator[None]:
+    """Spare Bokeh the check of every model, an eighth of a page's time: the tests have it."""
+    before = settings.perform_document_validation()
+    settings.perform_document_validation.set_value(False)
+    try:
+        yield
+    finally:
+        settings.perform_document_validation.set_value(before)
 
 
 def _renumbered(text: str, numbers: dict[str, str]) -> str:

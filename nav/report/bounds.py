@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from bokeh.models import Span
-from bokeh.plotting import figure
+from bokeh.models import Plot, Span
 
-from ..page.pictures import BLUE, GREY, INK, ORANGE, VERMILLION
+from ...filters.rotation import FloatArray
+from ..page.palette import BLUE, GREY, INK, ORANGE, VERMILLION
 from .timeline import Timeline
 
 #: A zero has no place on a logarithmic axis.
 _LEAST = 1e-3
 
 
-def protection(panels: Timeline) -> list[list[figure]]:
+def protection(panels: Timeline) -> list[list[Plot]]:
     """Draw the protection levels over errors and σ; nothing where there are none."""
     trajectory, evaluation = panels.trajectory, panels.result.evaluation
     if not np.isfinite(trajectory.protection).any():
@@ -23,8 +23,14 @@ def protection(panels: Timeline) -> list[list[figure]]:
     off = np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
     rows = []
     for k, name in enumerate(("horizontal", "vertical")):
-        plot = panels.panel(f"{name} [m]", f"{name.capitalize()}: level, error, σ",
-                            y_axis_type="log")  # fmt: skip
+        what = "level, error, σ" if evaluation.has_reference else "level and σ"
+        drawn = [
+            trajectory.protection[:, k],
+            sigma[k],
+            *([off[k]] if evaluation.has_reference else []),
+        ]
+        plot = panels.panel(f"{name} [m]", f"{name.capitalize()}: {what}", logarithmic=True,
+                            ticks=_marks(np.concatenate(drawn)))  # fmt: skip
         panels.line(
             plot, panels.t, trajectory.protection[:, k], VERMILLION, "protection level", "m"
         )
@@ -36,7 +42,7 @@ def protection(panels: Timeline) -> list[list[figure]]:
     return rows
 
 
-def separation(panels: Timeline) -> list[list[figure]]:
+def separation(panels: Timeline) -> list[list[Plot]]:
     """Draw forward and backward less smoothed positions, and χ²; nothing where there are none."""
     found = panels.result.solution.separation
     if found is None:
@@ -51,8 +57,23 @@ def separation(panels: Timeline) -> list[list[figure]]:
                         "m", scale=True)  # fmt: skip
         rows.append([plot])
     if known.any():
-        plot = panels.panel("χ², 3 dof [1]", "χ² of what is between them", y_axis_type="log")
+        plot = panels.panel("χ², 3 dof [1]", "χ² of what is between them", logarithmic=True)
         panels.line(plot, t[known], np.maximum(found.chi2[known], _LEAST), INK, "χ²", "")
         plot.add_layout(Span(location=3.0, dimension="width", line_color=GREY, line_dash="dashed"))
         rows.append([plot])
     return rows
+
+
+def _marks(drawn: FloatArray) -> list[float]:
+    """Return the numbers of a logarithmic ordinate of few decades; none: it finds its own.
+
+    Within two decades Bokeh counts 1, 2, 3 … evenly: low values get none, high ones overlap.
+    """
+    known = drawn[np.isfinite(drawn) & (drawn > 0.0)]
+    if not known.size:
+        return []
+    low, high = np.log10([known.min(), known.max()])
+    if high - low > 2.0:
+        return []
+    decades = 10.0 ** np.arange(np.floor(low), np.ceil(high) + 1.0)
+    return [float(f"{m * d:.0e}") for d in decades for m in (1, 2, 5)]

@@ -10,7 +10,8 @@ from matplotlib.ticker import MaxNLocator
 from ...filters.rotation import FloatArray
 from ...filters.sensors import STANDARD_GRAVITY
 from ..evaluation.accuracy import rpy_covariance, standard_deviation
-from ..page.pictures import BLUE, GREY, INK, ORANGE, SKY, VERMILLION, WIDTH
+from ..page.palette import BLUE, GREY, INK, ORANGE, SKY, VERMILLION
+from ..page.pictures import WIDTH
 from ..page.thinning import thin
 from ..results.directory import Result
 from ..results.formats import geodetic_and_ned

@@ -7,9 +7,10 @@ import json
 import numpy as np
 from bokeh.models import (
     ColorBar,
-    ColumnDataSource,
-    HoverTool,
+    Line,
     LinearColorMapper,
+    Scatter,
+    Segment,
     TileRenderer,
     WMTSTileSource,
 )
@@ -21,7 +22,7 @@ from ...filters.rotation import FloatArray
 from ..evaluation.accuracy import standard_deviation
 from ..evaluation.interpolation import usable_at
 from ..page.board import Board
-from ..page.pictures import BLUE, INK, ORANGE, VERMILLION
+from ..page.palette import BLUE, INK, ORANGE, VERMILLION
 from ..page.plots import look
 from ..page.thinning import thin
 from ..results.directory import Result
@@ -75,8 +76,8 @@ def _draw(result: Result, board: Board) -> tuple[figure, dict[str, dict]]:
     )  # fmt: skip
     if evaluation.has_reference:
         x, y = mercator(evaluation.ref_lla[:: -(-evaluation.time.size // _POINTS)])
-        drawn = plot.line(x, y, color=INK, line_alpha=0.25, line_width=7, line_join="round")
-        board.legend(plot, "reference", [drawn])
+        glyph = Line(line_color=INK, line_alpha=0.25, line_width=7, line_join="round")
+        board.draw(plot, board.source({"x": x, "y": y}), glyph, "reference")
     values = _values(result)
     keep = np.arange(0, len(trajectory), -(-len(trajectory) // _POINTS))
     for _, value in values.values():  # and where each is least and greatest
@@ -87,28 +88,26 @@ def _draw(result: Result, board: Board) -> tuple[figure, dict[str, dict]]:
     mapper = LinearColorMapper(
         palette=first["palette"], low=first["low"], high=first["high"], name="track-colours"
     )
-    source = ColumnDataSource(
+    source = board.source(
         {"t": trajectory.time[keep] - board.start, "x": x, "y": y, "x1": np.roll(x, -1),
          "y1": np.roll(y, -1), **columns, "c": columns[next(iter(kinds))]},
         name="track",
     )  # fmt: skip
     source.data["x1"][-1], source.data["y1"][-1] = x[-1], y[-1]
-    drawn = plot.segment(
-        "x", "y", "x1", "y1", source=source, line_width=3, line_cap="round",
+    glyph = Segment(
+        x0="x", y0="y", x1="x1", y1="y1", line_width=3, line_cap="round",
         line_color={"field": "c", "transform": mapper},
     )  # fmt: skip
-    board.legend(plot, "solution", [drawn])
+    drawn = board.draw(plot, source, glyph, "solution")
     tips = [("", "@t{0.00} s since start")]
     tips += [(kind["title"], f"@{name}{{0.00}}") for name, kind in kinds.items() if name != "state"]
-    plot.add_tools(HoverTool(renderers=[drawn], tooltips=tips, visible=False))
+    board.tell(plot, drawn, *tips)
     ends = (("start", 0, "circle", 10), ("end", -1, "square", 9))
     for label, k, marker, size in ends:
-        drawn = plot.scatter(x[k : k + 1 or None], y[k : k + 1 or None], marker=marker, size=size,
-                             fill_color="white", line_color=INK, line_width=2)  # fmt: skip
-        board.legend(plot, label, [drawn])
-    here = ColumnDataSource({"x": [], "y": []}, name="here")
-    plot.scatter("x", "y", source=here, size=16, fill_color=None, line_color=VERMILLION,
-                 line_width=3)  # fmt: skip
+        glyph = Scatter(marker=marker, size=size, fill_color="white", line_color=INK, line_width=2)
+        board.draw(plot, board.source({"x": x[[k]], "y": y[[k]]}), glyph, label)
+    here = board.source({"x": [], "y": []}, name="here")
+    board.draw(plot, here, Scatter(size=16, fill_color=None, line_color=VERMILLION, line_width=3))
     plot.add_layout(
         ColorBar(color_mapper=mapper, width=10, title=first["title"], name="track-bar", padding=6,
                  title_text_font_style="normal", title_text_font_size="12px",

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from ...filters.rotation import FloatArray
-from ..page.pictures import SKY
+from ..page.palette import SKY
 from ..page.thinning import pieces, runs, thin
 from ..results.directory import Result
 from .coverage import gnss_state, state_names

@@ -16,11 +16,12 @@ from ..page.quantities import duration, length, quantity
 from ..results.directory import Result, read_result
 from .bounds import protection, separation
 from .calibration import calibration
+from .coverage import state_names
 from .map import track_map
 from .sky import Sky
 from .span import span_table
-from .timeline import Timeline, start_up
-from .verdict import coverage, gate_activity, verdict
+from .timeline import SHADES, Timeline, start_up
+from .verdict import coverage, doubts, gate_activity, verdict
 
 
 def write_report(directory: Path) -> Path:
@@ -42,8 +43,8 @@ def build_report(result: Result) -> str:
         [
             f"<h1>{escape(result.name)}</h1>",
             f'<p class="meta">{escape(_provenance(result))}</p>',
-            _verdict(result),
-            _doubts(result, board),
+            _verdict(result, board),
+            _further_doubts(result, board),
             _cards(result),
             f'<p class="controls span">{board.zooming()}</p>',
             _track_section(result, board),
@@ -68,17 +69,16 @@ def build_report(result: Result) -> str:
     return document.document(f"{result.name} · certnav", body, scripts)
 
 
-def _verdict(result: Result) -> str:
-    first, *rest = (escape(sentence) for sentence in verdict(result))
+def _verdict(result: Result, board: Board) -> str:
+    """Return the first paragraph; a sentence that names a span has a link to it."""
+    first, *rest = (f"{escape(s)}{board.button(s)}" for s in verdict(result))
     return f'<p class="verdict"><strong>{first}</strong> {" ".join(rest)}</p>'
 
 
-def _doubts(result: Result, board: Board) -> str:
-    """Return the notes that speak against the run, each with a link to the span it is about."""
+def _further_doubts(result: Result, board: Board) -> str:
+    """Return the doubts that the first paragraph leaves out, each with a link to its span."""
     lines = "".join(
-        f"<li>{escape(note.text)}{board.button(note.text)}</li>"
-        for note in result.solution.notes
-        if note.doubtful
+        f"<li>{escape(note.text)}{board.button(note.text)}</li>" for note in doubts(result)[1:]
     )
     return f'<ul class="doubts">{lines}</ul>' if lines else ""
 
@@ -88,8 +88,8 @@ def _provenance(result: Result) -> str:
     sensors, timing = summary["sensors"], summary["timing"]
     week, sow = to_week_sow(time[0])
     when = f"{to_calendar(time[0]):%Y-%m-%d %H:%M:%S} GPS time (week {week}, {sow:.3f} s)"
-    if week == 0:
-        when = f"{sow:.3f} s (no date in the files)"
+    if week <= 0:
+        when = f"{time[0]:.3f} s (no date in the files)"
     parts = [
         f"Start {when}",
         f"{duration(summary['duration_s'])}",
@@ -119,10 +119,10 @@ def _cards(result: Result) -> str:
 def _track_section(result: Result, board: Board) -> str:
     evaluation, caption = result.evaluation, ""
     if evaluation.has_reference:
-        caption = (
-            f"Wide grey line: reference ({evaluation.source}), which follows the "
-            f"{evaluation.point.replace('imu', 'IMU')}; the solution follows the IMU."
-        )
+        of = "both are of the IMU"
+        if evaluation.point != "imu":
+            of = f"it is of the {evaluation.point}, the solution of the IMU"
+        caption = f"Wide grey line: the reference ({evaluation.source}); {of}."
         left_out = result.summary["reference"]["epochs_left_out"]
         caption += f" {left_out} reference epochs are left out: the solution does not cover them."
     return (
@@ -142,12 +142,17 @@ def _section(title: str, board: Board, rows: list, caption: str) -> str:
 
 def _satellite_section(result: Result, board: Board, panels: Timeline) -> str:
     rows = panels.satellites()
-    text = (
-        "Dashed: 4, below which there is no position, and 2, below which there is no velocity. "
-        "Shaded in all plots: where fewer than 4 were usable."
-        if rows
-        else "Plots are shaded where no position was accepted for some seconds."
-    )
+    _, some, none = state_names(result)
+    shaded = [
+        f'<span style="background: {SHADES[code]}">{name}</span>'
+        for code, name in ((1, some), (2, none)) if name
+    ]  # fmt: skip
+    text = f"Shaded in all plots: {', '.join(shaded)}."
+    if rows:
+        text = (
+            "Dashed: 4, below which there is no position, and 2, below which there is no velocity. "
+            f"{text} What is beyond the range of a plot is at its edge."
+        )
     plots = board.place(rows, "Satellites over time") if rows else ""
     signals = result.solution.signals
     if signals is not None and len(signals):
@@ -206,8 +211,8 @@ def _attitude_caption(result: Result) -> str:
     )
     return (
         f"Constant misalignment between the solution's and the reference's axes: {values}. "
-        "The figures over the plots are with it removed; removing it also hides a constant error "
-        "of the filter."
+        "Aligned: with it removed, which also hides a constant error of the filter; tables have "
+        "the raw errors."
     )
 
 
@@ -307,9 +312,12 @@ def _after(seconds: float | None) -> str:
 def _run_section(result: Result) -> str:
     alignment, sensors = result.summary["alignment"], result.summary["sensors"]
     sigma = quantity(alignment["sigma_heading_deg"], "°")
-    message = f" {alignment['message']}" if alignment["message"] else ""
+    message = alignment["message"]
+    message = f" {message[0].upper()}{message[1:]}." if message else ""
     lever = ", ".join(f"{v:.3g}" for v in sensors["lever_antenna_b_m"])
-    notes = "".join(f"<li>{escape(str(note))}</li>" for note in result.solution.notes)
+    notes = "".join(  # doubts stand at the top
+        f"<li>{escape(note.text)}</li>" for note in result.solution.notes if not note.doubtful
+    )
     timing = ", ".join(
         f"{name.removesuffix('_s')} {value:.3g} s"
         for name, value in result.summary["timing"].items()
@@ -317,9 +325,9 @@ def _run_section(result: Result) -> str:
     )
     return (
         "<h2>Run</h2>\n"
-        f"<h3>Alignment</h3><p>{escape(str(alignment['status']).capitalize())} by "
-        f"{escape(alignment['method'])}, {_after(alignment['time_s'])} after the start of "
-        f"the data; heading 1σ {sigma}.{escape(message)}</p>\n"
+        f"<h3>Alignment</h3><p>{escape(str(alignment['status']).capitalize())} "
+        f"({escape(alignment['method'])}) {_after(alignment['time_s'])} after the start of the "
+        f"data, heading 1σ {sigma} there.{escape(message)}</p>\n"
         f"{_alignment_details(result)}"
         f"{_resolution(result)}"
         f"<h3>Antenna</h3><p>Lever arm ({lever}) m forward, right, down of the IMU, from "

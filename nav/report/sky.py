@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from bokeh.models import ColumnDataSource, FactorRange, HoverTool, Label, Range1d
+from bokeh.models import Circle, FactorRange, HBar, MultiLine, Plot, Range1d, Scatter, Text
 from bokeh.plotting import figure
 
 from ...filters.rotation import FloatArray
 from ..page.board import Board
-from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
+from ..page.palette import BLUE, GREEN, GREY, INK, ORANGE, SKY, VERMILLION
 from ..page.plots import look
 from ..page.thinning import thin
 from ..signals import UNUSED, Signals
@@ -35,7 +35,7 @@ class Sky:
         self.satellites = sorted(set(signals.sat.tolist()))
         self.fate = np.where(signals.reason == "", 0, np.where(signals.reason == UNUSED, 1, 2))
 
-    def use(self) -> list[list[figure]]:
+    def use(self) -> list[list[Plot]]:
         """Draw when each satellite was used, and why not."""
         plot = self.board.panel(
             "",
@@ -49,22 +49,15 @@ class Sky:
             chosen = [bar for bar in bars if bar[4] == code]
             if chosen:
                 sat, left, right, why, _ = zip(*chosen, strict=True)
-                source = ColumnDataSource({"sat": sat, "left": left, "right": right, "why": why})
-                drawn = plot.hbar("sat", 0.7, "right", "left", source=source, color=colour)
-                self.board.legend(plot, name, [drawn])
-                plot.add_tools(
-                    HoverTool(
-                        renderers=[drawn],
-                        visible=False,
-                        tooltips=[
-                            ("@sat", "@left{0.0} … @right{0.0} s since start"),
-                            (name, "@why"),
-                        ],
-                    )
-                )
+                columns = {"sat": sat, "left": left, "right": right, "why": why}
+                glyph = HBar(y="sat", height=0.7, left="left", right="right", fill_color=colour,
+                             line_color=colour)  # fmt: skip
+                drawn = self.board.draw(plot, self.board.source(columns), glyph, name)
+                self.board.tell(plot, drawn, ("@sat", "@left{0.0} … @right{0.0} s since start"),
+                                (name, "@why"))  # fmt: skip
         return [[plot]]
 
-    def strength(self) -> list[list[figure]]:
+    def strength(self) -> list[list[Plot]]:
         """Draw C/N0 over time."""
         if not np.isfinite(self.signals.cn0).any():
             return []
@@ -72,22 +65,24 @@ class Sky:
         self._by_system(plot, self.signals.cn0, "C/N0", "dB-Hz", np.arange(len(self.signals)))
         return [[plot]]
 
-    def residuals(self) -> list[list[figure]]:
+    def residuals(self) -> list[list[Plot]]:
         """Draw residuals of the range rates that were used, and of those that were not."""
         known = np.isfinite(self.signals.residual)
         rows = []
         for title, chosen in (
-            ("Range-rate residuals of signals that were used", known & (self.fate == 0)),
-            ("… and of those that were not (beyond ±5 m/s at the edge)", known & (self.fate > 0)),
+            ("Residuals of range rates used", known & (self.fate == 0)),
+            ("… and of those not used", known & (self.fate > 0)),
         ):
             if chosen.any():
-                plot = self.board.panel("residual [m/s]", title)
-                value = np.clip(self.signals.residual, -5.0, 5.0)
+                limit = _limit(self.signals.residual[chosen])
+                plot = self.board.panel("residual [m/s]", f"{title}, to ±{limit:g} m/s")
+                value = np.clip(self.signals.residual, -limit, limit)
                 self._by_system(plot, value, "residual", "m/s", np.flatnonzero(chosen))
+                plot.y_range = Range1d(-1.08 * limit, 1.08 * limit)
                 rows.append([plot])
         return rows
 
-    def dilution(self) -> list[list[figure]]:
+    def dilution(self) -> list[list[Plot]]:
         """Draw the dilution of precision of the satellites that were used, horizontal and up."""
         t, dop = _dilution(self.signals.take(self.fate == 0))
         if t.size < 2:
@@ -102,7 +97,7 @@ class Sky:
         plot.y_range = Range1d(0.0, min(max(2.0, 1.3 * top), 30.0))
         return [[plot]]
 
-    def plot(self) -> list[list[figure]]:
+    def plot(self) -> list[list[Plot]]:
         """Draw where the satellites stood, zenith in the middle, north up."""
         known = np.isfinite(self.signals.elevation) & np.isfinite(self.signals.azimuth)
         if not known.any():
@@ -118,63 +113,50 @@ class Sky:
         )
         look(plot)
         plot.axis.visible = plot.grid.visible = False
-        for elevation in (0, 30, 60):
-            plot.circle(0, 0, radius=90 - elevation, fill_color=None, line_color="#C9CED6")
-            plot.add_layout(
-                Label(
-                    x=2,
-                    y=90 - elevation,
-                    text=f"{elevation}°",
-                    text_font_size="11px",
-                    text_color=INK,
-                )
-            )
-        for name, x, y in (("N", 0, 96), ("E", 97, 0), ("S", 0, -97), ("W", -97, 0)):
-            plot.add_layout(
-                Label(
-                    x=x,
-                    y=y,
-                    text=name,
-                    text_align="center",
-                    text_baseline="middle",
-                    text_font_size="12px",
-                    text_color=INK,
-                )
-            )
-        for sat in self.satellites:
-            self._path(plot, sat, np.flatnonzero((self.signals.sat == sat) & known))
+        self._horizon(plot)
+        self._paths(plot, known)
         return [[plot]]
 
-    def _path(self, plot: figure, sat: str, rows: np.ndarray) -> None:
-        if not rows.size:
-            return
-        rows = rows[:: -(-rows.size // 100)]
-        away = 90.0 - np.rad2deg(self.signals.elevation[rows])
-        x, y = away * np.sin(self.signals.azimuth[rows]), away * np.cos(self.signals.azimuth[rows])
-        colour = _SYSTEMS.get(sat[0], GREY)
-        plot.line(x, y, color=colour, line_width=2, alpha=0.6)
-        share = 100.0 * float(np.mean(self.fate[self.signals.sat == sat] == 0))
-        source = ColumnDataSource({"x": x[-1:], "y": y[-1:], "sat": [sat], "share": [share]})
-        drawn = plot.scatter(
-            "x", "y", source=source, size=15, fill_color="white", line_color=colour, line_width=2
-        )
-        plot.text(
-            "x",
-            "y",
-            text="sat",
-            source=source,
-            text_font_size="9px",
-            text_align="center",
-            text_baseline="middle",
-            text_color=INK,
-        )
-        plot.add_tools(
-            HoverTool(
-                renderers=[drawn],
-                visible=False,
-                tooltips=[("@sat", "used @share{0} % of its epochs")],
-            )
-        )
+    def _horizon(self, plot: Plot) -> None:
+        """Draw circles of equal elevation, and where north, east, south and west are."""
+        circles = self.board.source({"y": [0, 0, 0], "away": [90, 60, 30]})
+        glyph = Circle(x=0, y="y", radius="away", fill_color=None, line_color="#C9CED6")
+        self.board.draw(plot, circles, glyph)
+        names = {"x": [2, 2, 2, 0, 97, 0, -97], "y": [90, 60, 30, 96, 0, -97, 0],
+                 "text": ["0°", "30°", "60°", "N", "E", "S", "W"],
+                 "size": ["11px"] * 3 + ["12px"] * 4, "align": ["left"] * 3 + ["center"] * 4,
+                 "base": ["top"] * 3 + ["middle"] * 4}  # fmt: skip
+        glyph = Text(x="x", y="y", text="text", text_font_size="size", text_align="align",
+                     text_baseline="base", text_color=INK)  # fmt: skip
+        self.board.draw(plot, self.board.source(names), glyph)
+
+    def _paths(self, plot: Plot, known: np.ndarray) -> None:
+        """Draw the way of each satellite, and where it stood last."""
+        away, azimuth = 90.0 - np.rad2deg(self.signals.elevation), self.signals.azimuth
+        x, y = away * np.sin(azimuth), away * np.cos(azimuth)
+        columns: dict[str, list] = {
+            name: [] for name in ("xs", "ys", "x", "y", "sat", "share", "colour")
+        }
+        for sat in self.satellites:
+            of = self.signals.sat == sat
+            rows = np.flatnonzero(of & known)
+            if not rows.size:
+                continue
+            rows = rows[:: -(-rows.size // 100)]
+            share = 100.0 * float(np.mean(self.fate[of] == 0))
+            row = (x[rows], y[rows], x[rows[-1]], y[rows[-1]], sat, share,
+                   _SYSTEMS.get(sat[0], GREY))  # fmt: skip
+            for column, value in zip(columns.values(), row, strict=True):
+                column.append(value)
+        source = self.board.source(columns)
+        ways = MultiLine(xs="xs", ys="ys", line_color="colour", line_width=2, line_alpha=0.6)
+        self.board.draw(plot, source, ways)
+        ends = Scatter(x="x", y="y", size=22, fill_color="white", line_color="colour", line_width=2)
+        drawn = self.board.draw(plot, source, ends)
+        self.board.tell(plot, drawn, ("@sat", "used @share{0} % of its epochs"))
+        labels = Text(x="x", y="y", text="sat", text_font_size="9px", text_align="center",
+                      text_baseline="middle", text_color=INK)  # fmt: skip
+        self.board.draw(plot, source, labels)
 
     def _bars(self, sat: str) -> list[tuple[str, float, float, str, int]]:
         """Return the stretches of one satellite in which the same became of it."""
@@ -217,7 +199,7 @@ class Sky:
         return out
 
     def _by_system(
-        self, plot: figure, value: FloatArray, name: str, unit: str, rows: np.ndarray
+        self, plot: Plot, value: FloatArray, name: str, unit: str, rows: np.ndarray
     ) -> None:
         """Scatter a value of each signal over time, extremes kept, one colour a system."""
         for system in sorted({sat[0] for sat in self.satellites}):
@@ -226,50 +208,39 @@ class Sky:
             if not of.size:
                 continue
             keep = of[thin(value[of], 3000)]
-            source = ColumnDataSource(
-                {
-                    "t": self.t[keep].astype("f4"),
-                    "y": value[keep].astype("f4"),
-                    "sat": self.signals.sat[keep].tolist(),
-                }
-            )
-            drawn = plot.scatter(
-                "t", "y", source=source, size=3, color=_SYSTEMS.get(system, GREY), alpha=0.7
-            )
-            self.board.legend(plot, _NAMES.get(system, system), [drawn])
-            plot.add_tools(
-                HoverTool(
-                    renderers=[drawn],
-                    visible=False,
-                    tooltips=[
-                        ("@sat", f"@y{{0.00}} {unit} ({name})"),
-                        ("", "@t{0.0} s since start"),
-                    ],
-                )
-            )
+            columns = {"t": self.t[keep].astype("f4"), "y": value[keep].astype("f4"),
+                       "sat": self.signals.sat[keep].tolist()}  # fmt: skip
+            colour = _SYSTEMS.get(system, GREY)
+            glyph = Scatter(x="t", y="y", size=3, fill_color=colour, line_color=colour,
+                            fill_alpha=0.7, line_alpha=0.7)  # fmt: skip
+            drawn = self.board.draw(plot, self.board.source(columns), glyph,
+                                    _NAMES.get(system, system))  # fmt: skip
+            self.board.tell(plot, drawn, ("@sat", f"@y{{0.00}} {unit} ({name})"),
+                            ("", "@t{0.0} s since start"))  # fmt: skip
+
+
+def _limit(residual: FloatArray) -> float:
+    """Return up to where residuals are drawn apart [m/s]: noise shows, few are at the edge."""
+    wanted = 1.5 * float(np.percentile(np.abs(residual), 98.0))
+    return next((step for step in (0.1, 0.2, 0.5, 1.0, 2.0) if wanted <= step), 5.0)
 
 
 def _dilution(signals: Signals) -> tuple[FloatArray, FloatArray]:
     """Return the times of epochs of four satellites or more, and horizontal and vertical DOP."""
     known = signals.take(np.isfinite(signals.elevation) & np.isfinite(signals.azimuth))
-    _, one = np.unique(
-        np.char.add(np.char.mod("%.3f", known.time), known.sat), return_index=True
-    )  # one signal a satellite
-    known = known.take(np.sort(one))
     if not len(known):
         return np.zeros(0), np.zeros((0, 2))
-    times, first = np.unique(known.time, return_index=True)
-    found = []
-    for time, a, b in zip(times, first, np.r_[first[1:], len(known)], strict=True):
-        if b - a < 4:
-            continue
-        el, az = known.elevation[a:b], known.azimuth[a:b]
-        G = np.column_stack(
-            [np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el), np.ones(b - a)]
-        )
-        normal = G.T @ G
-        if np.linalg.cond(normal) < 1e9:
-            q = np.diag(np.linalg.inv(normal))
-            found.append((time, np.sqrt(q[0] + q[1]), np.sqrt(q[2])))
-    table = np.array(found).reshape(-1, 3)
-    return table[:, 0], table[:, 1:]
+    names, which = np.unique(known.sat, return_inverse=True)
+    milliseconds = np.rint(1e3 * known.time).astype(np.int64)
+    _, one = np.unique(milliseconds * names.size + which, return_index=True)  # signal a satellite
+    known = known.take(np.sort(one))
+    times, first, count = np.unique(known.time, return_index=True, return_counts=True)
+    el, az = known.elevation, known.azimuth
+    G = np.column_stack(
+        [np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el), np.ones(el.size)]
+    )
+    normal = np.add.reduceat(G[:, :, None] * G[:, None, :], first)
+    good = count >= 4
+    good[good] = np.linalg.cond(normal[good]) < 1e9
+    q = np.diagonal(np.linalg.inv(normal[good]), axis1=1, axis2=2)
+    return times[good], np.sqrt(np.column_stack([q[:, 0] + q[:, 1], q[:, 2]]))

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from ...filters.earth import C_en_of, lla_to_ecef
 from ...filters.rotation import FloatArray
-from ..page.pictures import BLUE, INK, ORANGE, VERMILLION
+from ..page.palette import BLUE, INK, ORANGE, VERMILLION
 from ..results.directory import Result
 from .coverage import gnss_state, state_names
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..notes import Note
 from ..page.quantities import duration, length, percent
 from ..results.directory import Result
 
@@ -89,10 +90,15 @@ def _consistency(result: Result) -> list[str]:
     return [f"The filter's position covariance was {word} (NEES {nees:.3g}, ideal 3)."]
 
 
+def doubts(result: Result) -> list[Note]:
+    """Return the notes that speak against the run, but for losses: those come first of all."""
+    return [note for note in result.solution.notes if note.severity == "doubtful"]
+
+
 def _doubt(result: Result) -> list[str]:
     """Return the first doubt in a sentence, and how many there are."""
-    doubts = [note for note in result.solution.notes if note.severity == "doubtful"]
-    if not doubts:
+    found = doubts(result)
+    if not found:
         return ["Nothing in the data or the run speaks against it."]
-    more = "" if len(doubts) == 1 else f" (1 of {len(doubts)} doubts, all below)"
-    return [f"In doubt{more}: {doubts[0].text.rstrip('.')}."]
+    more = "" if len(found) == 1 else f" (1 of {len(found)} doubts, the others below)"
+    return [f"In doubt{more}: {found[0].text.rstrip('.')}."]

@@ -19,7 +19,6 @@ from ...filters.rotation import FloatArray, rpy_from_matrix
 from ..evaluation.interpolation import usable_at
 from ..solution import Epochs, Trajectory
 from ..sweep.parallel import in_order
-from .text import row_blocks
 
 _Part = TypeVar("_Part")
 
@@ -33,6 +32,8 @@ _ENU_FROM_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 def format_rows(template: str, table: FloatArray, rows_at_once: int = 4096) -> str:
     """Return `table` as text, one line a row, each by the %-`template` of a whole row."""
+    from .text import row_blocks  # slow to import, with its compiler
+
     return b"".join(row_blocks(template, table, rows_at_once)).decode()
 
 
@@ -44,6 +45,7 @@ def write_rows(
     table: Callable[[_Part], FloatArray],
 ) -> None:
     """Write a header and the table of each part, as by `format_rows`: never all in memory."""
+    from .text import row_blocks  # slow to import, with its compiler
 
     def text(part: _Part) -> list[bytes]:
         return list(row_blocks(template, table(part)))

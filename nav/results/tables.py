@@ -32,6 +32,8 @@ from .formats import geodetic_and_ned, write_rows
 
 _DEGPH = np.pi / 180.0 / 3600.0
 _MG = 1e-3 * STANDARD_GRAVITY
+#: Rows of a table that are read at a time.
+_ROWS_AT_ONCE = 1 << 16
 
 
 def _axes(pattern: str, axes: str, number: str) -> list[tuple[str, str]]:
@@ -88,12 +90,16 @@ def _write_table(path: Path, columns: list[tuple[str, str]], table: FloatArray) 
 def _read_table(path: Path, names: list[str]) -> FloatArray:
     import pandas as pd  # slow to import
 
+    parts = [np.empty((0, len(names)))]
     try:
-        frame = pd.read_csv(path, engine="c")
-        missing = [name for name in names if name not in frame.columns]
-        if missing:
-            raise DataError(f"expected column '{missing[0]}', not found", file=path)
-        return frame[names].to_numpy(dtype=float)
+        # In pieces: of a day pandas would hold three times as much as is kept.
+        with pd.read_csv(path, engine="c", chunksize=_ROWS_AT_ONCE) as pieces:
+            for frame in pieces:
+                missing = [name for name in names if name not in frame.columns]
+                if missing:
+                    raise DataError(f"expected column '{missing[0]}', not found", file=path)
+                parts.append(frame[names].to_numpy(dtype=float))
+        return np.concatenate(parts)
     except FileNotFoundError as error:
         raise DataError("missing from the result directory", file=path) from error
     except (OSError, ValueError) as error:

@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, VERMILLION, WIDTH
+from ..page.palette import BLUE, GREEN, GREY, INK, ORANGE, VERMILLION
+from ..page.pictures import WIDTH
 from .recording import Studied, Study
 from .tables import by_epoch
 

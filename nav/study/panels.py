@@ -17,7 +17,7 @@ from bokeh.palettes import Viridis256
 from bokeh.plotting import figure
 from bokeh.transform import dodge
 
-from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, VERMILLION
+from ..page.palette import BLUE, GREEN, GREY, INK, ORANGE, VERMILLION
 from ..page.plots import Plots
 from .figures import FACTORS, K_SHOWN, SNR_SHOWN, range_words
 from .recording import Studied, Study

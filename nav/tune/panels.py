@@ -16,7 +16,7 @@ from bokeh.palettes import Viridis256
 from bokeh.plotting import figure
 
 from ...filters.rotation import FloatArray
-from ..page.pictures import BLUE, GREEN, GREY, INK, ORANGE, VERMILLION
+from ..page.palette import BLUE, GREEN, GREY, INK, ORANGE, VERMILLION
 from ..page.plots import Plots
 from .candidates import PAPER
 from .settings import Settings

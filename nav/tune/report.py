@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from ...datasets.placing import written_whole
 from ...filters.errors import DataError
 from ..page import document
-from ..page.pictures import BLUE, GREEN, ORANGE, VERMILLION, save
+from ..page.palette import BLUE, GREEN, ORANGE, VERMILLION
+from ..page.pictures import save
 from ..page.plots import Plots
 from ..page.tables import Column, Table
 from ..results.summary import strict

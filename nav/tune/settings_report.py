@@ -15,7 +15,8 @@ from ...datasets.placing import written_whole
 from ..config import Config
 from ..config_files import to_toml
 from ..page import document
-from ..page.pictures import BLUE, GREEN, GREY, ORANGE, VERMILLION, WIDTH, save
+from ..page.palette import BLUE, GREEN, GREY, ORANGE, VERMILLION
+from ..page.pictures import WIDTH, save
 from ..page.plots import Plots
 from ..page.tables import Column, Table
 from ..results.summary import strict

@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ...alignment.priors import Prior, up_prior
-from ...alignment.problem import AlignmentRows, ClockModel, build_problem
+from ...alignment.problem import ClockModel, build_problem
 from ...alignment.reference.baselines import gauss_newton, voba
 from ...alignment.reference.certifiable import align_sdp
 from ...alignment.result import AlignmentResult
 from ...alignment.robust import align_robust
+from ...alignment.rows import AlignmentRows
 from ...alignment.verdict import align
 from ...filters.rotation import FloatArray
 from .noise import WindowNoise

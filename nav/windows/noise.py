@@ -15,8 +15,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...alignment.problem import AlignmentRows, ClockModel
+from ...alignment.problem import ClockModel
 from ...alignment.robust import robust_residuals
+from ...alignment.rows import AlignmentRows
 from ...datasets.observations import GnssObservations
 from ...filters.errors import AlignmentError
 from ...filters.rotation import FloatArray

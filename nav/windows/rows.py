@@ -13,7 +13,7 @@ from ...alignment.local_velocity import (
     planar_track,
     rate_at_rest,
 )
-from ...alignment.problem import POSITION_SIGMA, AlignmentRows
+from ...alignment.rows import POSITION_SIGMA, AlignmentRows
 from ...datasets.observations import GnssObservations
 from ...datasets.sequence import Sequence
 from ...filters.errors import AlignmentError

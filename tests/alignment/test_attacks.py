@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.alignment.problem import AlignmentRows, build_problem
+from certnav.alignment.problem import build_problem
 from certnav.alignment.reference.certifiable import certified_minimum
+from certnav.alignment.rows import AlignmentRows
 from certnav.alignment.solver.fast_solver import fast_minimum
 from certnav.alignment.status import REGION, AlignmentStatus
 from certnav.filters.errors import AlignmentError

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from certnav.alignment.problem import AlignmentRows, build_problem
+from certnav.alignment.problem import build_problem
 from certnav.alignment.reference.certifiable import align_sdp
+from certnav.alignment.rows import AlignmentRows
 from certnav.alignment.solver.refinement import rotation_angle
 from certnav.alignment.status import AlignmentStatus
 from certnav.datasets.observations import GnssObservations

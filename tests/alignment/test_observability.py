@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from certnav.alignment.observability import Geometry, observability
-from certnav.alignment.problem import AlignmentRows, ClockModel, build_problem
+from certnav.alignment.problem import ClockModel, build_problem
+from certnav.alignment.rows import AlignmentRows
 
 
 def problem_of(e_e, vel_w, C_ew, clock=None, sigma=0.05):

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from certnav.alignment.problem import AlignmentRows, ClockModel
+from certnav.alignment.problem import ClockModel
 from certnav.alignment.reference.earth_windows import earth_window
 from certnav.alignment.robust import align_robust
+from certnav.alignment.rows import AlignmentRows
 from certnav.alignment.solver.refinement import rotation_angle
 from certnav.alignment.verdict import align
 from certnav.velocity.range_rate import DopplerRows

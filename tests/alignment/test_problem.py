@@ -9,14 +9,10 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from certnav.alignment.problem import (
-    AlignmentRows,
-    ClockModel,
-    build_problem,
-    design_matrix,
-)
+from certnav.alignment.problem import ClockModel, build_problem, design_matrix
 from certnav.alignment.reference.earth_windows import earth_window
 from certnav.alignment.reference.simulation import simulate_window
+from certnav.alignment.rows import AlignmentRows
 from certnav.alignment.solver.constraints import lift
 from certnav.alignment.solver.elimination import project_out
 from certnav.alignment.solver.refinement import rotation_angle

@@ -9,11 +9,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from certnav.alignment.priors import up_prior
-from certnav.alignment.problem import AlignmentRows, ClockModel
+from certnav.alignment.problem import ClockModel
 from certnav.alignment.reference.simulation import simulate_window
 from certnav.alignment.result import Ask
 from certnav.alignment.robust import RobustOptions, align_robust, robust_residuals
 from certnav.alignment.row_selection import clock_gates
+from certnav.alignment.rows import AlignmentRows
 from certnav.alignment.solver.refinement import rotation_angle
 from certnav.alignment.verdict import align
 from certnav.filters.errors import AlignmentError, ConfigError

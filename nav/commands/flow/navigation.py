@@ -68,7 +68,7 @@ def navigate_folder(
             sequence = with_calibration(sequence, calibration)
         announce_kernels()  # what is missing was said before anything is compiled
         passed_over = waived(refused, config, checked)
-        out = Path("results") / sequence.name if out is None else out
+        out = place_of_result(sequence.name, path) if out is None else out
         check_replaceable(out)
         doubted = _checked(sequence, config, checked)
         found = (*passed_over, *(Note("doubtful", f"{f.subject}: {f.found}") for f in doubted))
@@ -96,6 +96,12 @@ def navigate_folder(
     return out, solution.status
 
 
+def place_of_result(name: str, recording: Path) -> Path:
+    """Return where a result goes that no place was named for: never into the recording itself."""
+    out = Path("results") / name
+    return out.with_name(f"{name}-run") if out.resolve() == recording.resolve() else out
+
+
 def _write_learned(file: Path, solution: Solution) -> None:
     """Write what was learned; a run that has learned nothing says so, and has its result."""
     try:
@@ -112,12 +118,14 @@ def _drawing(page: bool, figures: str | None) -> Callable[[Path], None] | None:
         return None
 
     def draw(draft: Path) -> None:
-        from ...report import write_figures, write_report  # slow to import
-        from ...results.directory import read_result
-
         if page:
+            from ...report import write_report  # slow to import
+
             write_report(draft)
         if figures is not None:
+            from ...report import write_figures  # slow to import
+            from ...results.directory import read_result
+
             write_figures(read_result(draft), draft / "figures", figures)
 
     return draw

@@ -110,8 +110,8 @@ class HeadingMonitor:
             if np.linalg.norm(vel_e - theirs_e) > _SIGMAS * velocity.sigma:
                 return
         self._gravity_e = gravity_e(kalman.pos_e)
-        near = np.clip(kalman.bias[:6] - self._start_bias, -self._spread, self._spread)
-        self._believed = self._start_bias + near
+        near = np.minimum(kalman.bias[:6] - self._start_bias, self._spread)
+        self._believed = self._start_bias + np.maximum(near, -self._spread)
         self._intervals.append(
             _Interval(time, vel_e, velocity.sigma, lever_velocity_b, self._felt_b, self._turned)
         )

@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from certnav.alignment.priors import up_prior
-from certnav.alignment.problem import AlignmentRows
 from certnav.alignment.proofs.consensus_proof import consensus, prove_consensus, row_weights
 from certnav.alignment.proofs.stabbing import reached, stabbed
 from certnav.alignment.reference.simulation import simulate_window
+from certnav.alignment.rows import AlignmentRows
 from certnav.alignment.solver.refinement import rotation_angle
 from certnav.filters.errors import ConfigError
 from certnav.filters.rotation import matrix_from_rotvec

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from certnav.datasets.own.declaration import BLANK
+from certnav.datasets.own.blanks import BLANK
 from certnav.datasets.own.declare import draft_declaration
 from certnav.datasets.own.reader import read_declared
 from certnav.filters.errors import ConfigError, DataError, NavError

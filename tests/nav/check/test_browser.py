@@ -70,7 +70,7 @@ def test_lines_are_drawn_as_recorded(drive, checked):
     page, _ = checked(late)
     lines = page.evaluate(
         "() => { const plot = [...Bokeh.documents[0]._all_models.values()].find(m =>"
-        " m.type === 'Figure' && m.title.text.startsWith('Turn rate'));"
+        " m.type === 'Plot' && m.title.text.startsWith('Turn rate'));"
         " const legend = plot.above.find(m => m.type === 'Legend');"
         " return Object.fromEntries(legend.items.map(i => [i.label.value ?? i.label,"
         " ['t', 'y'].map(c => Array.from(i.renderers[0].data_source.data[c]))])) }"

@@ -297,6 +297,26 @@ def test_datasets_lists_the_eight_sequences(capsys):
         assert name in printed
 
 
+def test_a_recording_among_the_results_stays_as_it_is(drive, tmp_path, capsys, monkeypatch):
+    """Where `certnav demo` puts it; its result stands beside it."""
+    monkeypatch.chdir(tmp_path)
+    recording = Path(shutil.copytree(drive, tmp_path / "results" / drive.name))
+    before = sorted(recording.rglob("*"))
+    assert main(["run", f"results/{drive.name}", "--no-report"]) == 0
+    assert f"results/{drive.name}-run" in capsys.readouterr().out
+    assert read_result(tmp_path / "results" / f"{drive.name}-run").summary["name"]
+    assert sorted(recording.rglob("*")) == before
+
+
+def test_align_without_an_odometer_asks_for_nothing_that_needs_one(drive, tmp_path, capsys):
+    assert main(["align", str(drive)]) == 0
+    printed = capsys.readouterr().out
+    assert "Doppler σ assumed" in printed and re.search(r"PASSED\n", printed)
+    assert "needs an odometer" in refuse(capsys, "align", drive, "--noise", "fitted")
+    assert "no odometer" in refuse(capsys, "align", drive, "--proof", tmp_path / "proofs.json")
+    assert not (tmp_path / "proofs.json").exists()  # which certnav verify could not read
+
+
 def test_simulate_and_refusal_to_overwrite(tmp_path, capsys):
     out = tmp_path / "drive"
     arguments = ["simulate", "--out", str(out), "--duration", "30", "--density", "open"]

@@ -9,16 +9,22 @@ import pandas as pd
 import pytest
 
 from certnav.datasets import gpstime
-from certnav.datasets.axes import all_axes, axes_name
-from certnav.datasets.own.declaration import BLANK
-from certnav.datasets.simulation.sensors import fixes_from_truth
+from certnav.datasets.axes import all_axes, axes_matrix, axes_name
+from certnav.datasets.own.blanks import BLANK
+from certnav.datasets.own.draft import Draft, Line
+from certnav.datasets.sequence import Calibration, Sequence
+from certnav.datasets.simulation.sensors import fixes_from_truth, imu_measurements
 from certnav.datasets.simulation.simulator import SimulationConfig, simulate
+from certnav.datasets.simulation.streets import RouteConfig
+from certnav.datasets.simulation.streets import drive as drive_along
+from certnav.datasets.simulation.trajectory import Trajectory
 from certnav.filters.earth import C_en_of, ecef_to_lla
 from certnav.filters.rotation import matrix_from_rpy
+from certnav.filters.sensors import imu_preset
 from certnav.nav.check.motion import integrals
 from certnav.nav.check.orientation import mounting_rpy_deg, named, orientation
 from certnav.nav.check.recording import check
-from certnav.nav.drafting import measured_draft
+from certnav.nav.drafting import installed, measured_draft
 from certnav.velocity.tracks import gnss_tracks
 
 DEGREES = float(np.degrees(1.0))
@@ -147,6 +153,45 @@ def test_clocks_are_put_on_one_by_the_motion(drive, fixes, tmp_path, stamp, scal
         assert draft.get("imu", "time_offset_s", 0.0) == pytest.approx(offset or 0.0, abs=0.06)
     if offset == 18.0:  # exactly the leap seconds, not what was measured of them
         assert draft.get("imu", "time_offset_s") == 18.0
+
+
+@pytest.mark.parametrize("axes", ["FRD", "BLD", "RFU"])
+@pytest.mark.parametrize("arm", [LEVER, (1.2, 0.5, -1.3)])
+def test_turns_show_how_far_forward_and_right_the_antenna_is(drive, tmp_path, axes, arm):
+    """In forward, right, down of the declared axes, however the IMU lies; down is not proposed."""
+    time = drive.config.start_time + np.arange(1.0, 179.0, 0.5)
+    rng = np.random.default_rng(4)
+    fixes = fixes_from_truth(drive.trajectory, time, arm, (0.5, 0.5, 1.0), 0.05, rng)
+    imu = write_imu(tmp_path / "imu.csv", drive, axes_matrix(axes))
+    draft = measured_draft([imu, write_gnss(tmp_path / "gnss.csv", fixes)])
+    assert draft.get("imu", "axes") == axes
+    forward, right, down = draft.get("antenna", "lever_frd_m")
+    sigma = draft.get("antenna", "lever_sigma_m")
+    assert down == BLANK and 0.02 < sigma < 0.3
+    assert np.abs(np.subtract([forward, right], arm[:2])).max() < 3.0 * sigma
+    assert f"measured: forward {forward:+.2f} ± " in draft.comment("antenna", "lever_frd_m")
+    assert ("antenna", "lever_frd_m") in draft.blanks
+
+
+def test_without_turns_the_antenna_is_anywhere():
+    """Straight ahead, stop and go: speeds change, and the axes are known from elsewhere."""
+    points = drive_along(
+        RouteConfig(duration=120.0, turn_probability=0.0), np.random.default_rng(8)
+    )
+    trajectory = Trajectory(
+        gpstime.from_week_sow(2300, 1000.0), points.time, points.pos_t, points.rpy,
+        (np.radians(48.0), np.radians(9.0), 300.0), C_bv=np.eye(3),
+    )  # fmt: skip
+    spec, start = imu_preset("adis16470"), trajectory.span[0] + 0.5
+    rng = np.random.default_rng(5)
+    imu, *_ = imu_measurements(trajectory, start + np.arange(1, 11000) / 100.0, spec, rng)
+    fixes = fixes_from_truth(trajectory, start + np.arange(1.0, 109.0), LEVER, 0.5, 0.05, rng)
+    calibration = Calibration(spec, np.zeros(3), "trial", mounting_source="known")
+    draft = Draft(sections={"antenna": [Line("lever_frd_m", BLANK)]})
+    installed.lever(draft, Sequence("straight", imu, calibration, fixes=fixes))
+    assert draft.get("antenna", "lever_frd_m") == BLANK
+    assert "not measured" in draft.comment("antenna", "lever_frd_m")
+    assert not draft.has("antenna", "lever_sigma_m")
 
 
 def test_a_drive_that_hardly_moves_leaves_blanks_with_the_reason(drive, fixes, tmp_path):

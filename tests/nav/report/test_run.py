@@ -8,17 +8,26 @@ from html.parser import HTMLParser
 import matplotlib
 import numpy as np
 import pytest
+from bokeh import embed
+from bokeh.core.validation import check_integrity
+from bokeh.model import collect_models
 
 from certnav.filters.errors import ConfigError
 from certnav.nav.evaluation.accuracy import evaluate
 from certnav.nav.notes import Note
+from certnav.nav.page import plots
+from certnav.nav.page.board import Board
 from certnav.nav.page.pictures import save
 from certnav.nav.page.thinning import thin
 from certnav.nav.report import figures, write_figures
+from certnav.nav.report.bounds import protection
 from certnav.nav.report.coverage import gnss_state
 from certnav.nav.report.run import write_report
+from certnav.nav.report.sky import Sky
+from certnav.nav.report.timeline import Timeline, start_up
 from certnav.nav.report.verdict import coverage, gate_activity, verdict
 from certnav.nav.results.directory import read_result, write_result
+from certnav.nav.signals import Signals
 from certnav.nav.solution import Protection, Separation
 
 CONFIG = '[gate]\nnote = "<script>alert(1)</script>"\n'
@@ -59,6 +68,18 @@ class Page(HTMLParser):
             self.headings.append(data)
         if not {"style", "script"} & set(self.open):
             self.text += data
+
+
+@pytest.fixture(autouse=True)
+def checked(monkeypatch):
+    """Have Bokeh check the models of every page, which outside the tests it is spared."""
+
+    def components(models, **options):
+        found = check_integrity(collect_models(*models))
+        assert found.error == found.warning == []
+        return embed.components(models, **options)
+
+    monkeypatch.setattr(plots, "components", components)
 
 
 @pytest.fixture
@@ -106,7 +127,7 @@ def test_complete_report(report):
         assert f"{m[name]:.3g} m" in page.text
     assert "IMU axes <declared> right-front-up" in page.text  # escaped, so it is text
     assert "<script>alert" not in text and "<script>alert(1)</script>" in page.text
-    assert "level+course, 12.5 s after the start" in page.text
+    assert "(level+course) 12.5 s after the start" in page.text
 
 
 @pytest.mark.parametrize(
@@ -164,7 +185,38 @@ def test_a_doubt_leads_to_its_span(report):
     begin = result.solution.trajectory.time[0] - start
     assert text.count("data-from=") == 1
     assert f'data-from="{begin + 5:.2f}" data-to="{begin + 9:.2f}"' in text
-    assert "In doubt (1 of 2 doubts, all below): fixes wrong" in page.text
+    assert "In doubt (1 of 2 doubts, the others below): fixes wrong" in page.text
+    assert page.text.count("fixes wrong") == page.text.count("something is odd") == 1
+
+
+def test_what_a_start_waited_for_is_said_once_a_reason():
+    attempts = [
+        (5.0, "not aligned: at rest, needs motion"),
+        (6.0, "not aligned: in motion for 2 s, needs 10 s of it"),
+        (7.0, "not aligned: in motion for 9 s, needs 10 s of it"),
+        (8.0, "not aligned: heading ±2.6° 1σ (limit 1.5°), needs a turn or a rest"),
+        (9.0, "certified in motion over 60 s and 60 epochs: heading ±1.4° 1σ"),
+    ]
+    ((plot,),) = start_up(attempts, Board(0.0, 0.0, 10.0))
+    assert plot.y_range.factors[::-1] == [
+        "at rest: motion", "in motion: 10 s of it", "heading: a turn or a rest",
+        "certified in motion",
+    ]  # fmt: skip
+
+
+def test_residuals_are_drawn_on_a_scale_that_shows_their_noise():
+    """Of 5 cm/s with a few of many m/s: those are at the edge, and the noise is not a line."""
+    time = np.repeat(np.arange(100.0), 4)
+    residual = np.random.default_rng(2).normal(0.0, 0.05, 400)
+    residual[::150] = 40.0
+    sats, nowhere = np.tile(["G01", "G02", "G03", "G04"], 100), np.full(400, np.nan)
+    signals = Signals(
+        time, sats, np.full(400, "1C"), nowhere, nowhere, nowhere, residual, np.full(400, "")
+    )
+    ((plot,),) = Sky(signals, Board(0.0, 0.0, 100.0)).residuals()
+    drawn = plot.renderers[-1].data_source.data["y"]
+    assert 0.1 < plot.y_range.end < 0.5 and np.abs(drawn).max() <= plot.y_range.end
+    assert "to ±0.2 m/s" in plot.title.text
 
 
 def test_figures_for_papers(result, tmp_path):
@@ -189,6 +241,14 @@ def bounded(solution):
         protection=Protection(1e-4, ("one satellite's pseudorange",), ("the <rest>",)),
         separation=Separation(time, forward, backward, chi2),
     )  # fmt: skip
+
+
+def test_levels_within_two_decades_have_marks_apart(report):
+    """1, 2, 5 of each decade; Bokeh's own would be 1, 2, 3 … of the upper one."""
+    result, *_ = report(bounded, duration=30.0, reference=False)
+    for (plot,) in protection(Timeline(result, Board(0.0, 0.0, 30.0))):
+        ticks = plot.left[0].ticker.ticks
+        assert {1.0, 2.0, 5.0, 10.0} <= set(ticks) and 3.0 not in ticks
 
 
 def test_levels_and_separation_have_their_panels(report):
