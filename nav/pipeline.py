@@ -256,9 +256,9 @@ def trajectory_from_rows(rows: FloatArray) -> Trajectory:
 
     def turn(start: int) -> None:
         piece = slice(start, start + _ROWS_AT_ONCE)
-        C_ne = np.swapaxes(C_en_of(pos_e[piece]), 1, 2)
+        C_ne = np.ascontiguousarray(np.swapaxes(C_en_of(pos_e[piece]), 1, 2))
         upper = np.ascontiguousarray(rows[piece, layout.ROW_COV : layout.ROW_COV + 18])
-        ned_covariances(upper, C_ne, C_eb[piece], blocks, start)
+        ned_covariances(upper, C_ne, np.ascontiguousarray(C_eb[piece]), blocks, start)
 
     list(in_order(turn, range(0, len(rows), _ROWS_AT_ONCE)))
     return Trajectory(

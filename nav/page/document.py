@@ -96,7 +96,12 @@ class Link(NamedTuple):
     @property
     def html(self) -> str:
         """As it stands in a page."""
-        return f'<a href="{escape(self.address, quote=True)}">{escape(self.text)}</a>'
+        return f'<a href="{escape(self.address, quote=True)}">{_name(self.text)}</a>'
+
+
+def _name(text: str) -> str:
+    """Return a name that a narrow page breaks behind its underscores, not within words."""
+    return escape(text).replace("_", "_<wbr>")
 
 
 def document(title: str, body: str, scripts: str = "") -> str:
@@ -134,7 +139,7 @@ def table(
     def cell(tag: str, k: int, shown: object, value: object = None) -> str:
         kind = ' class="n"' if k >= numbers_from else ""
         by = f' data-value="{float(value)!r}"' if isinstance(value, float | int) else ""
-        text = shown.html if isinstance(shown, Link) else escape(str(shown))
+        text = shown.html if isinstance(shown, Link) else _name(str(shown))
         return f"<{tag}{kind}{by}>{text}</{tag}>"
 
     def line(number: int, row: Sequence[object]) -> str:

@@ -31,7 +31,7 @@ from certnav.nav.signals import Signals
 from certnav.nav.solution import Protection, Separation
 
 CONFIG = '[gate]\nnote = "<script>alert(1)</script>"\n'
-VOID = {"meta", "img", "br", "input"}
+VOID = {"meta", "img", "br", "input", "wbr"}
 SECTIONS = ["Track", "Satellites", "Position", "Drift", "Distribution", "Velocity", "Attitude",
             "Motion", "Biases", "Updates", "Run"]  # fmt: skip
 #: Without a reference nothing says how errors grow or are distributed.
