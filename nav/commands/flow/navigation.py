@@ -224,7 +224,7 @@ def _print_summary(
     if m["heading_rms_deg"] is not None:
         print(f"  heading     RMS {m['heading_rms_deg']:.2f}°")
     for note in solution.notes:
-        if note.severity == "doubtful":
+        if note.severity in ("doubtful", "unmet"):
             print(f"  {note}")
     page = Path(out) / "report.html"
     print(f"  report      {page}" if page.exists() else f"  result      {out}")

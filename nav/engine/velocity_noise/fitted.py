@@ -176,9 +176,9 @@ def _known(
             f"gnss.velocity_noise = 'declared', gnss.doppler_sigma_mps = {sigma:.3g}, "
             f"gnss.doppler_floor_mps = {floor:.3g}"
         )
-        return own, Note("note", text)
+        return own, Note("unmet", text)
     at = DopplerNoise(sigma, floor).sigma(MEASURED)
-    text = f"noise of Doppler: {at[0]:.2g} m/s at 35 dB-Hz, {at[1]:.2g} at 45, as known ({where})"
+    text = f"in force instead, as known ({where}): {at[0]:.2g} m/s at 35 dB-Hz, {at[1]:.2g} at 45"
     return VelocityErrors((sigma, floor, own.doppler[2])), Note("note", text)
 
 
