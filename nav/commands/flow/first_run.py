@@ -26,7 +26,7 @@ _PACKAGE = _THIS.split(".nav.")[0]
 
 #: Kernels that Python calls in a run with default settings, by module, with the types of their
 #: arguments: 1, 2, 3, 4 arrays of floats of so many axes; i1 of integers, b1 of booleans, u1 of
-#: bytes, all C-contiguous; r2, of floats, read-only; f, i numbers.
+#: bytes, all C-contiguous; r1, r2, of floats, read-only; f, i numbers.
 KERNELS = {
     "filters.compiled.kernels": {"advance": "1 r2 r2 i f f 1 1 2 1 2 2 1 2 1 f"},
     "filters.compiled.rows": {"record": "1 f 1 1 2 1 2"},
@@ -46,6 +46,7 @@ KERNELS = {
         "fold": "2 2 i",
         "forward_substitute": "2 2",
     },
+    "velocity.linearised": {"_fill": "1 r2 r2 r1 r1 2"},
     "nav.engine.fix_noise.likelihood": {"log_likelihood": "1 1 2 2 3 f f f 1 1"},
     "nav._frames": {"ned_covariances": "2 3 3 4 i"},
     "nav.results.text": {"_fill": "u1 2 i1 u1 1"},
