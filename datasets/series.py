@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -74,7 +75,7 @@ class ImuData:
     def __repr__(self) -> str:
         return f"ImuData({len(self)} samples, {span(self.time)})"
 
-    @property
+    @cached_property
     def interval(self) -> float:
         """Median sample interval [s]."""
         return float(np.median(np.diff(self.time)))

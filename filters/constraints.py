@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .earth import OMEGA_IE_E
-from .error_model import ATT, GYRO_BIAS, VEL
+from .earth import OMEGA_IE_E, gravity_e
+from .error_model import ACCEL_BIAS, ATT, GYRO_BIAS, VEL
 from .levers import VehiclePoint, lever_velocity, rate_over_earth
 from .measurements import Biases, Measurement
 from .rotation import FloatArray, skew
@@ -140,4 +140,29 @@ def zero_rate(
     H[:, GYRO_BIAS] = np.eye(3)
     H[:, ATT] = skew(earth_b)
     z = np.asarray(gyro_b, dtype=float) - np.asarray(gyro_bias, dtype=float) - earth_b
+    return Measurement(z, H, np.eye(3) * sigma**2)
+
+
+def zero_acceleration(
+    state: NavState, states: int, force_b: ArrayLike, accel_bias: ArrayLike, sigma: float
+) -> Measurement:
+    """Standstill: the accelerometers measure their bias and the reaction to gravity, nothing else.
+
+    Parameters
+    ----------
+    state : NavState
+    states : int
+        Length of the error state.
+    force_b : array_like, shape (3,)
+        Mean measured specific force over the standstill's interval [m/s²].
+    accel_bias : array_like, shape (3,)
+        Current estimate [m/s²].
+    sigma : float
+        1σ of that mean per axis [m/s²].
+    """
+    force = np.asarray(force_b, dtype=float) - np.asarray(accel_bias, dtype=float)
+    H = np.zeros((3, states))
+    H[:, ATT] = -state.C_eb @ skew(force)
+    H[:, ACCEL_BIAS] = -state.C_eb
+    z = -(state.C_eb @ force + gravity_e(state.pos_e))
     return Measurement(z, H, np.eye(3) * sigma**2)

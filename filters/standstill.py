@@ -1,10 +1,13 @@
 """Does the vehicle stand? What the IMU can say to that: spread, drift of the mean, mean rate.
 
-A car on a smooth road is as quiet as one that stands with its engine running, so that quiet alone
-is no proof: whoever asks holds it against a speed.
+A car on a smooth road is as quiet as one that stands with its engine running, and so is one that
+brakes evenly: quiet alone is no proof. Whoever asks holds it against a speed, and the mean force
+against gravity.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,14 +58,27 @@ def is_quiet(
     return np.asarray(quiet)
 
 
-def rate_at_rest(
+class Rest(NamedTuple):
+    """Means over a second that looks like a standstill.
+
+    Parameters
+    ----------
+    rate_b, force_b : ndarray, shape (3,)
+        As measured [rad/s], [m/s²].
+    """
+
+    rate_b: FloatArray
+    force_b: FloatArray
+
+
+def at_rest(
     stream: InertialStream,
     time: float,
     imu: ImuSpec,
     gyro_bias: ArrayLike,
     sigma_gyro_bias: ArrayLike,
-) -> FloatArray | None:
-    """Return the mean measured rate of the last second if it looks like a standstill, else None.
+) -> Rest | None:
+    """Return what was measured over the last second if it looks like a standstill, else None.
 
     Parameters
     ----------
@@ -73,10 +89,6 @@ def rate_at_rest(
     gyro_bias, sigma_gyro_bias : array_like, shape (3,)
         What is known of the bias, and its 1σ [rad/s].
 
-    Returns
-    -------
-    ndarray, shape (3,), or None
-        [rad/s].
     """
     edges = stream.edges
     last = int(np.searchsorted(edges, time + 1e-9, side="right")) - 1
@@ -93,4 +105,4 @@ def rate_at_rest(
     mean: FloatArray = gyro.mean(axis=0)
     limit = _TURNING + 3.0 * np.asarray(sigma_gyro_bias, dtype=float)
     still = bool((np.abs(mean - np.asarray(gyro_bias, dtype=float)) < limit).all())
-    return mean if quiet and still else None
+    return Rest(mean, accel.mean(axis=0)) if quiet and still else None

@@ -162,13 +162,19 @@ class InertialStream:
 
     @property
     def gyro(self) -> FloatArray:
-        """Mean rates [rad/s], shape (n, 3)."""
-        return self._gyro[: self._count]
+        """Mean rates [rad/s], shape (n, 3), read-only."""
+        return self._seen(self._gyro)
 
     @property
     def accel(self) -> FloatArray:
-        """Mean specific forces [m/s²], shape (n, 3)."""
-        return self._accel[: self._count]
+        """Mean specific forces [m/s²], shape (n, 3), read-only."""
+        return self._seen(self._accel)
+
+    def _seen(self, held: FloatArray) -> FloatArray:
+        """Return what there is of it; kernels are compiled for read-only samples, and only once."""
+        seen = held[: self._count]
+        seen.flags.writeable = False
+        return seen
 
     @property
     def start(self) -> float:

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from ..datasets.gpstime import SECONDS_PER_WEEK
 
 #: 'lost': the solution left what its vehicle can do, and ended or started again. 'doubtful':
-#: something contradicts the run or its data. 'note': what was done, and with what.
-SEVERITIES = ("lost", "doubtful", "note")
+#: something contradicts the run or its data. 'unmet': a setting that was given is not in force.
+#: 'note': what was done, and with what.
+SEVERITIES = ("lost", "doubtful", "unmet", "note")
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class Note:
 
     Parameters
     ----------
-    severity : {'lost', 'doubtful', 'note'}
+    severity : {'lost', 'doubtful', 'unmet', 'note'}
     text : str
         Without a full stop; figures with their units.
 
@@ -46,7 +47,7 @@ class Note:
     @property
     def doubtful(self) -> bool:
         """Whether it speaks against the run."""
-        return self.severity != "note"
+        return self.severity in ("lost", "doubtful")
 
 
 def plain(texts: Iterable[str]) -> tuple[Note, ...]:

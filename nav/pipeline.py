@@ -137,7 +137,8 @@ class _Ran:
             status = "doubtful"
         aligning = sum(leg.aligning for leg in made)
         rows = [leg.rows if smoothed else leg.causal for leg in made]
-        bare = trajectory_from_rows(np.vstack([part for part in rows if len(part)]))
+        kept = [part for part in rows if len(part)]
+        bare = trajectory_from_rows(kept[0] if len(kept) == 1 else np.vstack(kept))
         levels = [
             of_smoothed(leg.levels) if smoothed and leg.separation is not None else leg.levels
             for leg in made
@@ -256,9 +257,9 @@ def trajectory_from_rows(rows: FloatArray) -> Trajectory:
 
     def turn(start: int) -> None:
         piece = slice(start, start + _ROWS_AT_ONCE)
-        C_ne = np.swapaxes(C_en_of(pos_e[piece]), 1, 2)
+        C_ne = np.ascontiguousarray(np.swapaxes(C_en_of(pos_e[piece]), 1, 2))
         upper = np.ascontiguousarray(rows[piece, layout.ROW_COV : layout.ROW_COV + 18])
-        ned_covariances(upper, C_ne, C_eb[piece], blocks, start)
+        ned_covariances(upper, C_ne, np.ascontiguousarray(C_eb[piece]), blocks, start)
 
     list(in_order(turn, range(0, len(rows), _ROWS_AT_ONCE)))
     return Trajectory(

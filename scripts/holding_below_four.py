@@ -32,7 +32,7 @@ from certnav.datasets.simulation.simulator import SimulationConfig
 from certnav.filters.errors import NavError
 from certnav.nav.compare.comparison import compare
 from certnav.nav.compare.methods import METHODS, parse_methods
-from certnav.nav.compare.runs import Comparison, as_dict
+from certnav.nav.compare.runs import Comparison, as_dict, spells_of
 from certnav.nav.config import Config, GnssConfig
 from certnav.nav.config_files import from_tables
 from certnav.nav.evaluation.accuracy import evaluate
@@ -158,7 +158,13 @@ def compared(
     out = as_dict(comparison)
     for name in comparison.methods:
         out["methods"][name]["nees_test"] = nees_test(comparison, name)
+        out["methods"][name]["spell_s"] = spell_lengths(comparison, name)
     return out
+
+
+def spell_lengths(comparison: Comparison, method: str) -> list[float]:
+    """Return how long the spells of a method's runs are [s]: where one was lost, until then."""
+    return sorted(s.end - s.start for s in spells_of(comparison.of(method)))
 
 
 def nees_test(comparison: Comparison, method: str) -> dict[str, Any]:
@@ -194,8 +200,7 @@ def show(label: str, result: dict[str, Any]) -> None:
     )
     for name, f in result["methods"].items():
         if f["drift_m"]["median"] is None:
-            reason = f.get("not_available") or f.get("alignment_windows")
-            print(f"  {name:24}{reason}")
+            print(f"  {name:24}{why_no_figure(f)}")
             continue
         d, test = f["drift_m"], f["nees_test"]
         low, high = test["bounds"]
@@ -209,6 +214,17 @@ def show(label: str, result: dict[str, Any]) -> None:
             f"{float('nan') if heading is None else heading:9.2f}"
             f"{test['before']:12.2f}{test['end']:8.2f}  ({low:.2f}–{high:.2f})  {nis}"
         )
+
+
+def why_no_figure(f: dict[str, Any]) -> str:
+    """Say why a method has no drift."""
+    if length := f["spell_s"]:
+        short = sum(each < 0.95 * length[-1] for each in length)
+        return (
+            f"no figure for all: {short} of {len(length)} runs were lost in their spell, the first "
+            f"after {length[0]:.0f} of {length[-1]:.0f} s, and drift grows with time"
+        )
+    return str(f.get("not_available") or f.get("alignment_windows"))
 
 
 if __name__ == "__main__":

@@ -101,8 +101,10 @@ class Stopwatch:
 
     def _switch(self) -> None:
         now = time.process_time()
-        self.spent[self._stack[-1]] += now - self._since
-        self._since = now
+        took, self._since = now - self._since, now
+        self.spent[self._stack[-1]] += took
+        if took < 1e-3:  # imports of what is there by the ten thousand: asking takes longer
+            return
         peak = peak_memory()
         self.grown[self._stack[-1]] += peak - self._peak
         self._peak = peak

@@ -205,7 +205,6 @@ def main() -> None:
     parser.add_argument("--figure", type=Path, metavar="PNG")
     arguments = parser.parse_args()
     config = from_tables({
-        "alignment": {"method": "level+course"},  # how a drive starts is not the question
         "filter": {"protection_risk": arguments.risk, "smooth": arguments.smooth},
     })  # fmt: skip
     seeds = list(range(arguments.first, arguments.first + arguments.seeds))

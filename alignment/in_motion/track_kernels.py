@@ -94,7 +94,7 @@ def integrate(edges, gyro, accel, gyro_slope, accel_slope, first, time, bias, pa
                 part[i, j] = 1.0 if i == j else 0.0
             part[i, 22] = gyro[k, i] + gyro_slope[k, i] * late - bias[i]
         while True:
-            stop = end if k == last else min(edges[k + 1], end)
+            stop = edges[k + 1] if k < last and edges[k + 1] < end else end
             late = 0.5 * (start + stop - edges[k] - edges[k + 1])
             for i in range(3):
                 w[i] = gyro[k, i] + gyro_slope[k, i] * late - bias[i]
@@ -180,7 +180,7 @@ def responses(dv, A, B, F, ends, out):
         for s in range(ends.size - 1):
             # From the anchor back: nothing until b, the rate until m, then what it has turned.
             a, b = ends[s], ends[s + 1]
-            m = min(max(t, a), b)
+            m = a if t < a else b if t > b else t
             p0, p1, p2 = dv[m, 0] - dv[b, 0], dv[m, 1] - dv[b, 1], dv[m, 2] - dv[b, 2]
             q0, q1, q2 = dv[t, 0] - dv[m, 0], dv[t, 1] - dv[m, 1], dv[t, 2] - dv[m, 2]
             for j in range(3):

@@ -82,9 +82,10 @@ def without_clock(first, keep, e, z, sigma, common, at, walk, held, late, W, M, 
     """
     P, most = M.shape[0], 0
     for t in range(first.size - 1):
-        most = max(most, first[t + 1] - first[t])
+        if first[t + 1] - first[t] > most:
+            most = first[t + 1] - first[t]
     q = common.shape[1]
-    small, room = np.zeros((5 + q, 5 + q)), np.zeros((5 + q, most))
+    small, room = np.empty((5 + q, 5 + q)), np.empty((5 + q, most))
     rho, rows, alone = held, 0, 0.0
     for c in range(P):
         carry[c] = 0.0
@@ -138,7 +139,7 @@ def forward_substitute(R, Y):
 def _smooth(diagonal, coupling, S, variance):
     """S ← T⁻¹S and variance ← the diagonal of T⁻¹, T tridiagonal."""
     n = diagonal.size
-    L = np.zeros(n)
+    L = np.empty(n)
     for t in range(1, n):
         L[t] = coupling[t - 1] / diagonal[t - 1]
         diagonal[t] -= L[t] * coupling[t - 1]

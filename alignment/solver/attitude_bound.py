@@ -21,8 +21,7 @@ from scipy.special import gammaincinv
 
 from ...filters.errors import ConfigError
 from ...filters.rotation import FloatArray
-from . import fast_numpy
-from .fast_solver import ROUNDING, FastMinimum, chosen_backend, compiled_kernels
+from .fast_solver import ROUNDING, FastMinimum, chosen_backend
 
 #: Gram matrices of w²|u|² and of |u|²: |w u|² = ½ of the first three monomials squared.
 _INNER: FloatArray = np.array([0.5] * 3 + [0.0] * 6)
@@ -60,24 +59,17 @@ def attitude_bound(minimum: FastMinimum, threshold: float, *, backend: str | Non
     """
     if not threshold > 0.0:
         raise ConfigError(f"attitude bound: expected a threshold > 0, found {threshold:g}")
-    numba = chosen_backend(backend) == "numba"
+    solver = chosen_backend(backend)
     X = minimum.gram / minimum.scale
     T = threshold * (1.0 + _ROOM) / minimum.scale + _ROUNDINGS * ROUNDING
     # Far from C the condition reads t ≥ T; twice that starts the second stage well inside.
-    if numba:
-        X = X.copy()
-        t, _ = compiled_kernels().largest_margin(X, 2.0 * T, T)
-    else:
-        t, X, _ = fast_numpy.largest_margin(X, 2.0 * T, T)
+    t, X, _ = solver.largest_margin(X, 2.0 * T, T)
     if not t > T + ROUNDING:
         return np.pi
     limit = 2.0 * float(np.linalg.eigvalsh(X[:3, :3])[0])
     X = X - T * np.diag(_OUTER)
     start, tolerance = T - 0.5 * limit, 1e-3 * limit
-    if numba:
-        c, _ = compiled_kernels().barrier(X, _INNER, start, np.inf, -np.inf, tolerance)
-    else:
-        c, X, _ = fast_numpy.barrier(X, _INNER, start, np.inf, -np.inf, tolerance)
+    c, X, _ = solver.barrier(X, _INNER, start, np.inf, -np.inf, tolerance)
     return _proved(X, c - tolerance, T, threshold / minimum.scale, minimum)
 
 

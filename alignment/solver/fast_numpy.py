@@ -1,4 +1,4 @@
-"""The fast solver without a compiler: the same steps as `alignment.solver.kernels`, in numpy.
+"""The fast solver without a compiler: the same steps as `alignment.solver.fast_compiled`, in numpy.
 
 A numpy call costs a microsecond or ten whatever it computes, so the starts of one round descend
 together, and the barrier multiplies all fourteen null matrices at once.
@@ -12,14 +12,17 @@ from scipy.linalg import solve_triangular
 from ...filters.rotation import FloatArray, orthonormalise
 from .quartic import GRID, GRID_FEATURES, GRID_NEAR, NULL_GRAMS, gram, lower_triangle, reduced_gram
 
-#: As in `alignment.solver.kernels`.
+#: Distinct starts tried before the barrier is asked, and in all.
 FIRST_STARTS, ALL_STARTS = 3, 24
+#: t that counts as closed without uniqueness.
 GAP = 1e-9
+#: As in `alignment.solver.margin_kernels`.
 MARGINS = (1e-2, 1e-4, 1e-6, 1e-8)
 ENOUGH = MARGINS[-1]
 BARRIER_STEPS, TRUST_STEPS = 80, 150
 #: Ratio of curvatures from which a basin is a valley, and curvature that rounding may have made.
 STIFF, FLAT = 1e-2, 5e-13
+#: Cost difference below which a later start is no improvement.
 SAME_COST = 1e-13
 
 _NULL_ROWS = NULL_GRAMS.reshape(14, 81)
@@ -33,7 +36,7 @@ def solve(Q: FloatArray) -> tuple[FloatArray, float, float, FloatArray, FloatArr
     Returns
     -------
     C, cost, t, X, slope, starts, Newton steps, barrier steps
-        As `alignment.solver.kernels.solve`.
+        The Gram matrix X and ∂f/∂θ/√2 are those of C; t is the margin that X proves.
     """
     left = GRID_FEATURES @ lower_triangle(Q)
     best, t, starts, newtons, barriers = np.inf, -np.inf, 0, 0, 0
@@ -224,7 +227,7 @@ def largest_margin(X: FloatArray, enough: float, hopeless: float) -> tuple[float
 def barrier(
     X: FloatArray, E: FloatArray, s: float, enough: float, hopeless: float, gap: float
 ) -> tuple[float, FloatArray, int]:
-    """Maximise s subject to X + Σ μₖNₖ ⪰ s·diag(E), as `alignment.solver.kernels.barrier`."""
+    """Maximise s subject to X + Σ μₖNₖ ⪰ s·diag(E); return s, the matrix and the steps."""
     weight = 0.0
     Y = np.empty((81, 15))
     root = _root(X, s, E)

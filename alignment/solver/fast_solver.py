@@ -154,11 +154,7 @@ def fast_minimum(
         If Q is not a finite 10×10 matrix.
     """
     scaled, scale = _scaled(Q)
-    if chosen_backend(backend) == "numba":
-        C, X, slope = np.empty((3, 3)), np.empty((9, 9)), np.empty(3)
-        cost, t, *counts = compiled_kernels().solve(scaled, C, X, slope)
-    else:
-        C, cost, t, X, slope, *counts = fast_numpy.solve(scaled)
+    C, cost, t, X, slope, *counts = chosen_backend(backend).solve(scaled)
     found = _Found(C, cost, t, X, slope, counts)
     return _proved(found, _Task(Q, scaled, scale, factor, backend))
 
@@ -204,11 +200,8 @@ def _margin_at(task: _Task, C: FloatArray, steps: int = 0) -> _Found:
     X, slope = fast_numpy.smallest_gram(gram(task.scaled, C))
     t, barriers = fast_numpy.quick_margin(X), 0
     if not t > 0.0:
-        enough, hopeless = fast_numpy.ENOUGH, -2.0 * RELATIVE_GAP
-        if chosen_backend(task.backend) == "numba":
-            t, barriers = compiled_kernels().largest_margin(X, enough, hopeless)
-        else:
-            t, X, barriers = fast_numpy.largest_margin(X, enough, hopeless)
+        largest_margin = chosen_backend(task.backend).largest_margin
+        t, X, barriers = largest_margin(X, fast_numpy.ENOUGH, -2.0 * RELATIVE_GAP)
     return _Found(C, _cost(task.scaled, C), t, X, slope, [1, steps, barriers])
 
 
@@ -317,12 +310,7 @@ def local_minima(Q: ArrayLike, *, starts: int = 24, backend: str | None = None) 
     backend : {'numba', 'numpy'}, optional
     """
     scaled, scale = _scaled(Q)
-    if chosen_backend(backend) == "numba":
-        C, cost = np.empty((starts, 3, 3)), np.empty(starts)
-        n = compiled_kernels().minima(scaled, starts, C, cost)
-        order = np.argsort(cost[:n], kind="stable")
-        return LocalMinima(C[:n][order], scale * cost[:n][order])
-    C, cost = fast_numpy.minima(scaled, starts)
+    C, cost = chosen_backend(backend).minima(scaled, starts)
     return LocalMinima(C, scale * cost)
 
 
@@ -336,28 +324,25 @@ def _scaled(Q: ArrayLike) -> tuple[FloatArray, float]:
     return np.ascontiguousarray(Q / scale), scale
 
 
-def compiled_kernels() -> ModuleType:
-    """Return the compiled module; importing numba takes half a second."""
-    from . import kernels
-
-    return kernels
-
-
-def chosen_backend(name: str | None) -> str:
-    """Return the backend of that name, or numba where it is installed."""
-    if name is None:
-        return _default_backend()
-    if name not in BACKENDS:
+def chosen_backend(name: str | None) -> ModuleType:
+    """Return the module that computes it: that of the name, or numba's where it is installed."""
+    if name is not None and name not in BACKENDS:
         raise ConfigError.unknown_key(name, BACKENDS, "backend")
-    return name
-
-
-_DEFAULT: list[str] = []
-
-
-def _default_backend() -> str:
-    if not _DEFAULT:
+    if not _MODULES:
         from ...filters.compiled.jit import COMPILED
 
-        _DEFAULT.append("numba" if COMPILED else "numpy")
-    return _DEFAULT[0]
+        _MODULES["numpy"] = fast_numpy
+        _MODULES[""] = _compiled() if COMPILED else fast_numpy
+    if name == "numba" and name not in _MODULES:
+        _MODULES[name] = _compiled()
+    return _MODULES[name or ""]
+
+
+#: Backends by name, '' the default; importing numba takes half a second.
+_MODULES: dict[str, ModuleType] = {}
+
+
+def _compiled() -> ModuleType:
+    from . import fast_compiled
+
+    return fast_compiled

@@ -1,4 +1,4 @@
-"""Compiled loops of the fast solver; `alignment.solver.fast_solver` is their public face.
+"""Compiled loops of the fast solver; `alignment.solver.fast_compiled` puts them together.
 
 Plain scalar loops over small arrays: numba turns them into about a microsecond per Newton step or
 Cholesky factorisation, where a numpy call costs as much as all of it. Costs are in units of the
@@ -15,27 +15,11 @@ from __future__ import annotations
 import numpy as np
 
 from ...filters.compiled.jit import njit
-from .margin_kernels import (
-    ENOUGH,
-    add_null,
-    barrier,
-    cholesky,
-    largest_margin,
-    null_part,
-    quick_margin,
-    solve_cholesky,
-)
+from .margin_kernels import add_null, cholesky, null_part, quick_margin, solve_cholesky
 from .quartic import GRID, GRID_FEATURES, GRID_NEAR, NORM, Z
 
-__all__ = ["barrier", "largest_margin", "minima", "solve"]
-
-#: Distinct starts tried before the barrier is asked, and in all.
-FIRST_STARTS, ALL_STARTS = 3, 24
-#: t that counts as closed without uniqueness.
-GAP = 1e-9
-#: Cost difference below which a later start is no improvement.
-SAME_COST = 1e-13
-
+#: Newton steps of one descent.
+NEWTON_STEPS = 40
 _HALF = 1.0 / np.sqrt(2.0)
 
 
@@ -127,7 +111,7 @@ def _orthonormalise(C):
 
 
 @njit(cache=True)
-def newton(Q, C, max_steps):
+def newton(Q, C):
     """Descend from C in place; return cost and steps."""
     slope, trial_slope, step = np.empty(3), np.empty(3), np.empty(3)
     H, trial_H, L = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
@@ -135,7 +119,7 @@ def newton(Q, C, max_steps):
     f = expand(Q, C, slope, H, J, QJ)
     scale = abs(H[0, 0]) + abs(H[1, 1]) + abs(H[2, 2]) + 1e-300
     damping, steps = 0.0, 0
-    while steps < max_steps:
+    while steps < NEWTON_STEPS:
         if max(abs(slope[0]), abs(slope[1]), abs(slope[2])) <= 1e-15 * scale:
             break
         steps += 1
@@ -147,8 +131,8 @@ def newton(Q, C, max_steps):
                     L[i, j] = H[i, j]
                 L[i, i] += damping
                 step[i] = -slope[i]
-            if cholesky(L, 3):
-                solve_cholesky(L, step, 3)
+            if cholesky(L):
+                solve_cholesky(L, step)
                 length = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
                 if length < 0.9:
                     _turn(C, step, trial)
@@ -218,19 +202,24 @@ def smallest_gram(Q, C, X, slope):
 
 
 @njit(cache=True)
-def _grid_costs(Q):
-    n = GRID_FEATURES.shape[0]
-    costs, entries, c = np.empty(n), np.empty(55), 0
+def guess(Q, C, X, slope):
+    """Fill X and slope as `smallest_gram`; return the margin that X proves as it is, or −inf."""
+    smallest_gram(Q, C, X, slope)
+    return quick_margin(X)
+
+
+@njit(cache=True)
+def _grid_costs(Q, costs):
+    entries, c = np.empty(55), 0
     for i in range(10):
         for j in range(i + 1):
             entries[c] = Q[i, j]
             c += 1
-    for a in range(n):
+    for a in range(costs.size):
         s = 0.0
         for k in range(55):
             s += GRID_FEATURES[a, k] * entries[k]
         costs[a] = s
-    return costs
 
 
 @njit(cache=True)
@@ -252,61 +241,42 @@ def _next_start(costs, C):
 
 
 @njit(cache=True)
-def solve(Q, C, X, slope):
-    """Minimise xᵀQx, scale 1, over the rotations.
+def bottoms(Q, left, first, last, C, f):
+    """Descend from the grid's starts `first` … `last` − 1, the cheapest first.
 
-    C, X and slope receive the rotation, its Gram matrix and ∂f/∂θ/√2. Returns cost, t, and the
-    numbers of starts, Newton and barrier steps.
+    C[k] and f[k] receive what is below start k, `left` the costs of the grid rotations that are
+    left. Returns how many starts there have been so far, fewer than `last` where the grid has no
+    more, and the Newton steps from these.
     """
-    costs, trial = _grid_costs(Q), np.empty((3, 3))
-    best, t, fresh = np.inf, -np.inf, False
-    starts, newtons, barriers = 0, 0, 0
-    for k in range(ALL_STARTS):
-        left = _next_start(costs, trial)
-        if left:
-            starts += 1
-            f, steps = newton(Q, trial, 40)
-            newtons += steps
-            if f < best - SAME_COST:
-                best, fresh = f, True
-                C[:, :] = trial
-                smallest_gram(Q, C, X, slope)
-                t = quick_margin(X)
-                if t > 0.0:
-                    break
-        if fresh and (k == FIRST_STARTS - 1 or k == ALL_STARTS - 1 or not left):
-            t, steps = largest_margin(X, ENOUGH, -2.0 * GAP)
-            barriers += steps
-            fresh = False
-            if t > -GAP:
-                break
-        if not left:
-            break
-    return best, t, starts, newtons, barriers
+    if first == 0:
+        _grid_costs(Q, left)
+    steps = 0
+    for k in range(first, last):
+        if not _next_start(left, C[k]):
+            return k, steps
+        f[k], more = newton(Q, C[k])
+        steps += more
+    return last, steps
 
 
 @njit(cache=True)
-def minima(Q, starts, found, costs_found):
-    """Descend from `starts` grid rotations; return the number of distinct minima found."""
-    costs, C, n = _grid_costs(Q), np.empty((3, 3)), 0
-    for _ in range(starts):
-        if not _next_start(costs, C):
-            break
-        f = newton(Q, C, 40)[0]
-        known = False
-        for m in range(n):
+def distinct(C, f, n):
+    """Keep the distinct of the first n rotations, each at its lowest cost; return their number."""
+    kept = 0
+    for k in range(n):
+        m = 0
+        while m < kept:
             s = 0.0
             for i in range(3):
                 for j in range(3):
-                    s += C[i, j] * found[m, i, j]
+                    s += C[k, i, j] * C[m, i, j]
             if s > 2.9999:  # 0.6°
-                known = True
-                if f < costs_found[m]:
-                    costs_found[m] = f
-                    found[m] = C
                 break
-        if not known:
-            found[n] = C
-            costs_found[n] = f
-            n += 1
-    return n
+            m += 1
+        if m == kept or f[k] < f[m]:
+            f[m] = f[k]
+            for i in range(3):
+                for j in range(3):
+                    C[m, i, j] = C[k, i, j]
+        kept = max(kept, m + 1)
+    return kept

@@ -18,7 +18,6 @@ from .quartic import NULL_GRAMS
 #: Values of t tried on the first guess, one Cholesky factorisation each; the last is enough for
 #: uniqueness in floating point (`alignment.solver.fast_solver`), what is less is maximised first.
 MARGINS = np.array([1e-2, 1e-4, 1e-6, 1e-8])
-ENOUGH = 1e-8
 BARRIER_STEPS = 80
 
 
@@ -37,8 +36,9 @@ _ROW, _COLUMN, _VALUE, _COUNT = _sparse_nulls()
 
 
 @njit(cache=True)
-def cholesky(A, n):
+def cholesky(A):
     """Factorise the lower triangle in place; False if A is not positive definite."""
+    n = A.shape[0]
     for j in range(n):
         s = A[j, j]
         for k in range(j):
@@ -56,7 +56,9 @@ def cholesky(A, n):
 
 
 @njit(cache=True)
-def solve_cholesky(L, b, n):
+def solve_cholesky(L, b):
+    """b ← (LLᵀ)⁻¹ b."""
+    n = L.shape[0]
     for i in range(n):
         s = b[i]
         for k in range(i):
@@ -70,19 +72,19 @@ def solve_cholesky(L, b, n):
 
 
 @njit(cache=True)
-def _inverse(L, Li, W, n):
+def _inverse(L, Li, W):
     """W ← (LLᵀ)⁻¹ and Li ← L⁻¹."""
-    for j in range(n):
+    for j in range(9):
         Li[j, j] = 1.0 / L[j, j]
-        for i in range(j + 1, n):
+        for i in range(j + 1, 9):
             s = 0.0
             for k in range(j, i):
                 s -= L[i, k] * Li[k, j]
             Li[i, j] = s / L[i, i]
-    for i in range(n):
+    for i in range(9):
         for j in range(i + 1):
             s = 0.0
-            for k in range(i, n):
+            for k in range(i, 9):
                 s += Li[k, i] * Li[k, j]
             W[i, j] = s
             W[j, i] = s
@@ -114,7 +116,7 @@ def _definite(X, E, s, L):
         for j in range(i + 1):
             L[i, j] = X[i, j]
         L[i, i] -= s * E[i]
-    return cholesky(L, 9)
+    return cholesky(L)
 
 
 @njit(cache=True)
@@ -144,7 +146,7 @@ def barrier(X, E, s, enough, hopeless, gap):
         return -np.inf, 0
     weight = 0.0
     for steps in range(1, BARRIER_STEPS + 1):
-        _inverse(L, Li, W, 9)
+        _inverse(L, Li, W)
         pull = 0.0
         for i in range(9):
             pull += W[i, i] * E[i]
@@ -160,14 +162,16 @@ def barrier(X, E, s, enough, hopeless, gap):
         slope[14] = pull - weight
         for i in range(15):
             step[i] = -slope[i]
-        if cholesky(H, 15):
-            solve_cholesky(H, step, 15)
+        if cholesky(H):
+            solve_cholesky(H, step)
         elif not _step_by_reflections(Li, E, weight, step):
             return s, steps
         decrement = 0.0
         for i in range(15):
             decrement -= slope[i] * step[i]
-        D[:, :] = 0.0
+        for i in range(9):
+            for j in range(9):
+                D[i, j] = 0.0
         for k in range(14):
             add_null(D, k, step[k])
         value = -weight * s
@@ -180,7 +184,7 @@ def barrier(X, E, s, enough, hopeless, gap):
                 for j in range(i + 1):
                     L[i, j] = X[i, j] + length * D[i, j]
                 L[i, i] -= (s + length * step[14]) * E[i]
-            if cholesky(L, 9):
+            if cholesky(L):
                 trial = -weight * (s + length * step[14])
                 for i in range(9):
                     trial -= 2.0 * np.log(L[i, i])
@@ -292,12 +296,12 @@ def _step_by_reflections(Li, E, weight, step):
 
 
 @njit(cache=True)
-def largest_margin(X, enough, hopeless):
-    """Maximise t over the free multipliers, in X; return t and barrier steps."""
+def feasible(X):
+    """Return a t with X ⪰ t·I and room, −inf if X is too far from that."""
     L, ones = np.empty((9, 9)), np.ones(9)
     t = -0.01
     while not _definite(X, ones, t, L):
         t *= 2.5
         if t < -1e6:
-            return -np.inf, 0
-    return barrier(X, ones, t - 0.03 + 0.5 * t, enough, hopeless, 1e-13)
+            return -np.inf
+    return t - 0.03 + 0.5 * t

@@ -18,16 +18,26 @@ WHY_NOT = ""
 try:
     if os.environ.get("CERTNAV_NO_JIT", "0") not in ("", "0"):
         raise ImportError("CERTNAV_NO_JIT is set")
-    from numba import njit
+    import numba
 except ImportError as error:
     WHY_NOT = str(error)
 
-    def njit(**options: Any) -> Callable[[Callable], Callable]:
-        """Leave the function as it is."""
-        return lambda function: function
-
-
 COMPILED = not WHY_NOT
+
+
+def njit(**options: Any) -> Callable[[Callable], Callable]:
+    """Compile a function on its first call, or leave it as it is.
+
+    Parameters
+    ----------
+    **options
+        As for numba's `njit`. Nothing here is called from C, and each wrapper for that takes as
+        long to compile as a small kernel.
+    """
+    if not COMPILED:
+        return lambda function: function
+    compiled: Callable[[Callable], Callable] = numba.njit(no_cfunc_wrapper=True, **options)
+    return compiled
 
 
 def notice(kernel: Any) -> str:
@@ -39,4 +49,4 @@ def notice(kernel: Any) -> str:
     kept = Path(kernel.stats.cache_path).glob(name)
     if any(index.stat().st_mtime >= source.stat().st_mtime for index in kept):
         return ""
-    return "compiling, once on this machine: some 20 seconds more"
+    return "compiling, once on this machine: some ten seconds more"

@@ -286,20 +286,30 @@ def covariance_step(P, F, Y, Z, Y9, noise):
 
 
 @njit(cache=True)
-def _sample(rates, k, edges, offset, bias, inverse_scale, mean, slope):
-    """Mean rate at `offset` from the middle of sample k and its slope, corrected.
+def _sample(gyro, accel, k, edges, offset, bias, inverse, out):
+    """Fill mean rate, mean force and their slopes at `offset` from the middle of sample k.
 
-    The rate is taken as linear within a sample, with the slope to the sample before: pieces of
-    a split interval then add up to the whole. Across a gap the slope is unknown and left at 0.
+    They are corrected. Rates are taken as linear within a sample, with the slope to the sample
+    before: pieces of a split interval then add up to the whole. Across a gap it is left at 0.
     """
     width = edges[k + 1] - edges[k]
     before = edges[k] - edges[k - 1] if k > 0 else width
     usable = k > 0 and 0.5 * width < before < 2.0 * width
     per_second = 2.0 / (width + before) if usable else 0.0
     for i in range(3):
-        s = (rates[k, i] - rates[k - 1, i]) * per_second if usable else 0.0
-        slope[i] = s * inverse_scale[i]
-        mean[i] = (rates[k, i] + s * offset - bias[i]) * inverse_scale[i]
+        w = (gyro[k, i] - gyro[k - 1, i]) * per_second if usable else 0.0
+        f = (accel[k, i] - accel[k - 1, i]) * per_second if usable else 0.0
+        out[0, i] = (gyro[k, i] + w * offset - bias[i]) * inverse[i]
+        out[1, i] = (accel[k, i] + f * offset - bias[3 + i]) * inverse[3 + i]
+        out[2, i], out[3, i] = w * inverse[i], f * inverse[3 + i]
+
+
+@njit(cache=True)
+def _padded(P, W):
+    """W ← P as far as W goes, zeros where it is wider."""
+    for i in range(P.shape[0]):
+        for j in range(W.shape[1]):
+            W[i, j] = P[i, j] if j < P.shape[1] else 0.0
 
 
 @njit(cache=True)
@@ -325,28 +335,21 @@ def advance(
     k : sample that contains `until`
     rate : (3,) angular rate at `until`, corrected for bias and scale
     """
-    n = P.shape[0]
-    with_covariance = n > 0
-    with_phi = phi.shape[0] > 0
+    n, with_covariance, with_phi = P.shape[0], P.shape[0] > 0, phi.shape[0] > 0
     # Rows padded to whole vector registers: no remainder to treat one by one.
     width = 4 * ((n + 3) // 4)
-    W, Y = np.zeros((n, width)), np.empty((9, width))
-    Z, Y9 = np.zeros((n, 12)), np.empty((9, 12))
-    T = np.zeros((n, width)) if with_phi else np.zeros((0, 0))
-    W[:, :n] = P
-    if with_phi:
-        T[:, :n] = phi
-    F, G = np.zeros((6, 3, 3)), np.zeros((3, 3))
-    C_before, R, work = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
-    v = np.empty((5, 3))
-    omega, force = np.zeros(3), np.zeros(3)
-    omega_slope, force_slope = np.zeros(3), np.zeros(3)
-    bg, ba = bias[0:3], bias[3:6]
-    inverse = 1.0 / (1.0 + bias[6:12])
-    inverse_g, inverse_a = inverse[0:3], inverse[3:6]
-    dg, da = 1.0, 1.0
-    last = gyro.shape[0]
-    steps = 0
+    W, T = np.empty((n, width)), np.empty((n if with_phi else 0, width))
+    Y, Z, Y9 = np.empty((9, width)), np.empty((n, 12)), np.empty((9, 12))
+    _padded(P, W)
+    _padded(phi, T)
+    F, G = np.empty((6, 3, 3)), np.empty((3, 3))
+    C_before, R, work, v = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((5, 3))
+    rates, inverse = np.empty((4, 3)), np.empty(6)
+    omega, force, omega_slope, force_slope = rates[0], rates[1], rates[2], rates[3]
+    for i in range(3):
+        omega[i] = 0.0
+        inverse[i], inverse[3 + i] = 1.0 / (1.0 + bias[6 + i]), 1.0 / (1.0 + bias[9 + i])
+    dg, da, steps, last = 1.0, 1.0, 0, gyro.shape[0]
     if with_covariance:
         _gravity_gradient(pos, G)
     while k < last:
@@ -355,8 +358,7 @@ def advance(
         dt = b - now
         if dt > _INTERVAL_TOLERANCE:
             offset = 0.5 * (now + b) - 0.5 * (edges[k] + end)
-            _sample(gyro, k, edges, offset, bg, inverse_g, omega, omega_slope)
-            _sample(accel, k, edges, offset, ba, inverse_a, force, force_slope)
+            _sample(gyro, accel, k, edges, offset, bias, inverse, rates)
             if noise[4] > 0.0:
                 dg = np.exp(-dt * noise[4])
             if noise[5] > 0.0:
@@ -370,14 +372,13 @@ def advance(
                 covariance_step(W, F, Y, Z, Y9, noise)
             if with_phi:
                 transition(F, T, Y)
-                T[:9] = Y
-                for i in range(9, 15):
+                for i in range(15):
                     for j in range(n):
-                        T[i, j] *= dg if i < 12 else da
+                        T[i, j] = Y[i, j] if i < 9 else T[i, j] * (dg if i < 12 else da)
             for i in range(3):
                 omega[i] += 0.5 * dt * omega_slope[i]
-                bg[i] *= dg
-                ba[i] *= da
+                bias[i] *= dg
+                bias[3 + i] *= da
             now = b
             steps += 1
             if steps % 500 == 0:
@@ -394,7 +395,6 @@ def advance(
         if end >= until - _INTERVAL_TOLERANCE:
             break
     _orthonormalise(C, work)
-    P[:] = W[:, :n]
-    if with_phi:
-        phi[:] = T[:, :n]
+    _padded(W, P)
+    _padded(T, phi)
     return k, omega

@@ -67,6 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ..config_files import load_config
     from ..spells.outages import parse_outages
     from .flow.dataset import SKIPPABLE, Work, work_through
+    from .flow.first_run import compile_ahead
     from .flow.site import DATA, check_replaceable, write_site
     from .terminal.progress import announce_kernels, progress
 
@@ -85,7 +86,8 @@ def run(arguments: argparse.Namespace) -> int:
     home = (arguments.data or out / "data").resolve()
     folders = _arranged(arguments.archives, home, arguments.only)
     asked(home, arguments.declared or arguments.out / "declared.toml", folders)
-    announce_kernels()
+    if announce_kernels():
+        compile_ahead()
     out.mkdir(parents=True, exist_ok=True)
     work = Work(tuple(folders), config, outages, tuple(methods), arguments.jobs,
                 arguments.scheduler, skipped)  # fmt: skip

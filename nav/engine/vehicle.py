@@ -14,7 +14,7 @@ from ...filters.ekf import ErrorStateFilter
 from ...filters.error_model import GYRO_BIAS, VEL
 from ...filters.measurements import Measurement
 from ...filters.rotation import FloatArray
-from ...filters.standstill import rate_at_rest
+from ...filters.standstill import Rest, at_rest
 from ...velocity.wheel_speed import WheelSpeed, wheel_speed
 from ..config import VehicleConfig
 from ..installation import AntennaPlace, Installation
@@ -26,9 +26,13 @@ _TYRES = 0.06
 #: A standstill is only believed where the filter's own speed allows it: a car that cruises on a
 #: smooth road is as quiet as one that stands.
 _SLOW, _KNOWN = 0.5, 1.0
-#: Nor where the mean rate is no bias that the filter can believe in: a car that cruises turns. A
-#: standstill in a thousand not seen for a second is no loss.
+#: Nor where the mean rate is no bias that the filter can believe in, for a car that cruises turns,
+#: or where the mean force is no gravity that its level and biases allow: one that brakes evenly
+#: is quiet, too. A standstill in a thousand not seen for a second is no loss.
 _NO_BIAS = 1e-3
+#: What a mean force at rest may be off by beside those, 1σ [m/s²]: scale factors, and a car that
+#: sways on its springs.
+_SWAYS = 0.1
 
 
 class VehicleConstraints:
@@ -139,13 +143,13 @@ class VehicleConstraints:
             Whether the filter's speed may be believed in telling a standstill.
         """
         config, n = self.config, kalman.model.size
-        mean = self._standstill(kalman) if credible else None
-        if mean is not None:
+        rest = self._standstill(kalman) if credible else None
+        if rest is not None:
             # Asked before either has taught the filter anything.
-            if config.zupt and kalman.test(_no_rate(kalman, mean), _NO_BIAS).accepted:
+            if config.zupt and kalman.test(_no_rate(kalman, rest), _NO_BIAS).accepted:
                 yield "zupt", constraints.zero_velocity(kalman.state, n, config.sigma_zupt_mps)
             if config.zaru:
-                yield "zaru", _no_rate(kalman, mean)
+                yield "zaru", _no_rate(kalman, rest)
             return
         point = kalman.vehicle.point(self.calibration.C_bv, self.calibration.lever_vehicle_b)
         if self.nhc:
@@ -168,8 +172,8 @@ class VehicleConstraints:
             return None
         return float(np.interp(time, odometer.time, odometer.speed))
 
-    def _standstill(self, kalman: ErrorStateFilter) -> FloatArray | None:
-        """Return the mean measured rate over the last second if the vehicle stood, else None."""
+    def _standstill(self, kalman: ErrorStateFilter) -> Rest | None:
+        """Return what was measured over the last second if the vehicle stood, else None."""
         if not (self.config.zupt or self.config.zaru):
             return None
         sigma = float(np.sqrt(max(kalman.P.diagonal()[VEL].tolist())))
@@ -177,16 +181,24 @@ class VehicleConstraints:
         if sigma > _KNOWN or speed > max(_SLOW, 2.0 * sigma):
             return None
         sigma_bias = np.sqrt(np.diag(kalman.P)[GYRO_BIAS])
-        return rate_at_rest(
-            kalman.stream, kalman.time, kalman.model.imu, kalman.gyro_bias, sigma_bias
-        )
+        rest = at_rest(kalman.stream, kalman.time, kalman.model.imu, kalman.gyro_bias, sigma_bias)
+        if rest is None or not kalman.test(_no_acceleration(kalman, rest), _NO_BIAS).accepted:
+            return None
+        return rest
 
 
-def _no_rate(kalman: ErrorStateFilter, mean: FloatArray) -> Measurement:
-    """Return the mean rate [rad/s] of a second as a standstill's."""
+def _no_rate(kalman: ErrorStateFilter, rest: Rest) -> Measurement:
+    """Return the mean rate of a second as a standstill's."""
     sigma = np.hypot(kalman.model.imu.gyro_noise_density, np.radians(0.005))
     return constraints.zero_rate(
-        kalman.state, kalman.model.size, mean, kalman.gyro_bias, float(sigma)
+        kalman.state, kalman.model.size, rest.rate_b, kalman.gyro_bias, float(sigma)
+    )
+
+
+def _no_acceleration(kalman: ErrorStateFilter, rest: Rest) -> Measurement:
+    """Return the mean specific force of a second as a standstill's."""
+    return constraints.zero_acceleration(
+        kalman.state, kalman.model.size, rest.force_b, kalman.accel_bias, _SWAYS
     )
 
 

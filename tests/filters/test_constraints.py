@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from certnav.filters import constraints
-from certnav.filters.earth import OMEGA_IE_E
-from certnav.filters.error_model import GYRO_BIAS, ErrorModel
+from certnav.filters.earth import OMEGA_IE_E, gravity_e
+from certnav.filters.error_model import ACCEL_BIAS, GYRO_BIAS, ErrorModel
 from certnav.filters.levers import VehiclePoint, VehiclePrior, VehicleStates
 from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy
 from certnav.filters.sensors import imu_preset
@@ -104,6 +104,18 @@ def test_standstill_jacobians(moving_state):
     np.testing.assert_allclose(zaru.z, OMEGA - rate(np.zeros(15)))
 
 
+def test_zero_acceleration_jacobian(moving_state):
+    force_b, bias = np.array([0.7, -0.4, -9.6]), np.array([0.05, -0.02, 0.1])
+
+    def acceleration(x):
+        state = moved(moving_state, x)
+        return state.C_eb @ (force_b - bias - x[ACCEL_BIAS]) + gravity_e(moving_state.pos_e)
+
+    still = constraints.zero_acceleration(moving_state, 15, force_b, bias, 0.1)
+    np.testing.assert_allclose(still.H, central_differences(acceleration, 15), atol=1e-6)
+    np.testing.assert_allclose(still.z, -acceleration(np.zeros(15)))
+
+
 def test_constraints_hold_on_the_simulated_car(city_drive):
     """At the rear axle nothing moves sideways or up, also in turns; at the IMU it does."""
     from certnav.filters.strapdown import NavState
@@ -131,6 +143,8 @@ def test_standing_still_is_consistent_with_zero_rate(city_drive):
     zaru = constraints.zero_rate(state, 15, k.omega_ib_b[0], np.zeros(3), 1e-5)
     assert np.abs(zaru.z).max() == pytest.approx(0.0, abs=1e-9)
     assert np.abs(constraints.zero_velocity(state, 15, 0.01).z).max() < 1e-9
+    still = constraints.zero_acceleration(state, 15, k.specific_force_b[0], np.zeros(3), 0.1)
+    assert np.abs(still.z).max() == pytest.approx(0.0, abs=1e-9)
 
 
 def estimated(rng, interval, seconds=160.0):

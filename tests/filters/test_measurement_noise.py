@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from certnav.filters import constraints, measurements
-from certnav.filters.earth import OMEGA_IE_E
+from certnav.filters.earth import OMEGA_IE_E, gravity_e
 from certnav.filters.gnss_states import shared_root
 from certnav.filters.levers import VehiclePoint
 from certnav.filters.rotation import matrix_from_rpy
@@ -195,5 +195,17 @@ def test_zero_rate(moving_state):
     def measure(rng):
         gyro_b = still + sigma * rng.standard_normal(3)
         return constraints.zero_rate(moving_state, 15, gyro_b, bias, sigma)
+
+    assert_scatter(measure)
+
+
+def test_zero_acceleration(moving_state):
+    """A car that stands and sways."""
+    sigma, bias = 0.1, np.array([0.05, -0.02, 0.1])
+    still = bias - moving_state.C_eb.T @ gravity_e(moving_state.pos_e)
+
+    def measure(rng):
+        force_b = still + sigma * rng.standard_normal(3)
+        return constraints.zero_acceleration(moving_state, 15, force_b, bias, sigma)
 
     assert_scatter(measure)

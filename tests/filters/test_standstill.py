@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from certnav.filters import standstill
 from certnav.filters.sensors import imu_preset
-from certnav.filters.standstill import is_quiet, own_spread, rate_at_rest
+from certnav.filters.standstill import is_quiet, own_spread
 from certnav.filters.strapdown import InertialStream
 
 RATE = 100.0
@@ -29,7 +30,8 @@ def stream(seconds=5.0, gyro=0.0, accel=0.0, seed=0, spec=SPEC):
 
 
 def at_rest(s, time=105.0, bias=(0.0, 0.0, 0.0), sigma=(0.0, 0.0, 0.0), spec=SPEC):
-    return rate_at_rest(s, time, spec, bias, sigma)
+    rest = standstill.at_rest(s, time, spec, bias, sigma)
+    return None if rest is None else rest.rate_b
 
 
 def test_own_spread_is_what_averages_to_the_datasheet():
@@ -47,6 +49,8 @@ def test_a_standing_car_is_at_rest_at_the_mean_rate_of_the_last_second():
     np.testing.assert_allclose(at_rest(s), s.gyro[-100:].mean(axis=0), rtol=1e-12)
     # Of the second before the time asked for: what comes later is not known yet.
     np.testing.assert_allclose(at_rest(s, 103.5), s.gyro[250:350].mean(axis=0), rtol=1e-12)
+    found = standstill.at_rest(s, 103.5, SPEC, np.zeros(3), np.zeros(3))
+    np.testing.assert_allclose(found.force_b, s.accel[250:350].mean(axis=0), rtol=1e-12)
 
 
 def waves(size):

@@ -223,3 +223,13 @@ def test_free_inertial_rows_are_one_a_sample_and_end_where_told(city_drive):
     np.testing.assert_array_equal(half, rows[:100])
     late = NavState(stream.edges[50], rows[49, 1:4], rows[49, 4:7], rows[49, 7:].reshape(3, 3))
     assert integrate(stream, late).shape == (150, 16)
+
+
+def test_samples_are_read_only_whoever_holds_them():
+    """Kernels are compiled for that: a live stream that were not would have them compiled again."""
+    live = InertialStream.live(0.01)
+    live.append(1.0, np.zeros(3), np.zeros(3))
+    ready = InertialStream([1.0, 2.0], np.zeros((2, 3)), np.zeros((2, 3)))
+    assert not any(a.flags.writeable for s in (live, ready) for a in (s.gyro, s.accel))
+    live.append(2.0, np.ones(3), np.ones(3))
+    assert live.gyro[1, 0] == 1.0

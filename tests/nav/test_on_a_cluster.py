@@ -1,6 +1,7 @@
 """Study, tuning and comparison on a cluster of processes: the numbers of this machine's own."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -42,20 +43,28 @@ def drives(tmp_path_factory):
 
 
 class Killing:
-    """Progress that kills one worker when the first result is there."""
+    """Progress that kills a worker that has something to do, when a first result is there."""
 
-    def __init__(self, workers):
-        self.workers, self.killed = workers, False
+    def __init__(self, address, workers):
+        self.address, self.workers, self.killed = address, workers, False
 
     def __call__(self, fraction, what):
-        if 0.0 < fraction < 1.0 and not self.killed:
-            self.workers[0].kill()
-            self.workers[0].wait()
-            self.killed = True
+        if not 0.0 < fraction < 1.0 or self.killed:
+            return
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False) as client:
+            busy = [worker for worker, tasks in client.processing().items() if tasks]
+            pids = client.run(os.getpid, workers=busy[:1]).values() if busy else ()
+        for worker in self.workers:
+            if worker.pid in pids:
+                worker.kill()
+                worker.wait()
+                self.killed = True
 
 
 def _study(drives, **where):
-    return studied(study(drives[:1] * 2, **where))
+    return studied(study(drives[:1] * 5, **where))
 
 
 def _tune(drives, **where):
@@ -77,7 +86,7 @@ def test_the_same_numbers_with_a_worker_killed_in_the_middle(job, drives, tmp_pa
     here = [Path(drive.name) for drive in drives]  # relative, and the workers are elsewhere
     expected = strict(job(here, jobs=2))
     with sweeps.cluster(tmp_path) as (address, workers):
-        killing = Killing(workers)
+        killing = Killing(address, workers)
         found = strict(job(here, scheduler=address, progress=killing))
     assert killing.killed
     assert json.dumps(found, sort_keys=True) == json.dumps(expected, sort_keys=True)

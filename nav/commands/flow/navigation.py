@@ -29,6 +29,7 @@ from ...solution import Solution
 from ...sweep.drives import waived, way_out
 from ...vehicles import VEHICLES
 from ..terminal.progress import announce_kernels, progress
+from .first_run import compile_ahead
 
 #: What a bound may be beyond a recording and still be meant for it [s].
 _DAY = 86400.0
@@ -66,7 +67,9 @@ def navigate_folder(
             sequence = cut(load(path, **config.data), start, end)
         if calibration is not None:
             sequence = with_calibration(sequence, calibration)
-        announce_kernels()  # what is missing was said before anything is compiled
+        if announce_kernels():  # what is missing was said before anything is compiled
+            report(0.0, "compiling")
+            compile_ahead()
         passed_over = waived(refused, config, checked)
         out = place_of_result(sequence.name, path) if out is None else out
         check_replaceable(out)
@@ -221,7 +224,7 @@ def _print_summary(
     if m["heading_rms_deg"] is not None:
         print(f"  heading     RMS {m['heading_rms_deg']:.2f}°")
     for note in solution.notes:
-        if note.severity == "doubtful":
+        if note.severity in ("doubtful", "unmet"):
             print(f"  {note}")
     page = Path(out) / "report.html"
     print(f"  report      {page}" if page.exists() else f"  result      {out}")

@@ -91,12 +91,15 @@ class _RichProgress:
         self._bar.stop()
 
 
-def announce_kernels() -> None:
-    """Say on standard error if the filter has to be compiled first, or cannot be."""
-    if os.environ.get(QUIET):
-        return
-    from ....filters.compiled import kernels
-    from ....filters.compiled.jit import notice
+def announce_kernels() -> bool:
+    """Say on standard error if the filter has to be compiled first, or cannot be.
 
-    if line := notice(kernels.advance):
+    Returns whether it has to be.
+    """
+    from ....filters.compiled import kernels
+    from ....filters.compiled.jit import COMPILED, notice
+
+    line = notice(kernels.advance)
+    if line and not os.environ.get(QUIET):
         print(f"certnav: {line}", file=sys.stderr, flush=True)
+    return bool(line) and COMPILED

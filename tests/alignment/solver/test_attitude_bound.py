@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from certnav.alignment.problem import build_problem
 from certnav.alignment.reference.simulation import simulate_window
-from certnav.alignment.solver import fast_numpy, kernels
+from certnav.alignment.solver import fast_compiled, fast_numpy
 from certnav.alignment.solver.attitude_bound import attitude_bound, region_threshold
 from certnav.alignment.solver.constraints import lift
 from certnav.alignment.solver.fast_solver import fast_minimum, local_minima
@@ -104,11 +104,11 @@ def test_truth_is_inside_at_the_rate_promised():
 
 
 def test_a_barrier_that_starts_outside_says_so():
-    for barrier in (kernels.barrier, fast_numpy.barrier):
+    for barrier in (fast_compiled.barrier, fast_numpy.barrier):
         reached = barrier(np.eye(9), np.ones(9), 1.5, np.inf, -np.inf, 1e-6)
         assert reached[0] == -np.inf and reached[-1] == 0
     # From inside it gets to the largest s: at least that of the matrix as it is.
-    for barrier in (kernels.barrier, fast_numpy.barrier):
+    for barrier in (fast_compiled.barrier, fast_numpy.barrier):
         assert barrier(np.eye(9), np.ones(9), 0.0, np.inf, -np.inf, 1e-6)[0] > 1.0 - 1e-6
 
 

@@ -82,7 +82,7 @@ def test_a_quiet_cruise_whose_rate_is_no_bias_is_no_standstill():
     """0.29°/s is within what is quiet, and far from a bias known to 0.01°/s."""
     for rate, kinds in ((0.0, ["zupt", "zaru"]), (0.29, ["zaru"])):
         kalman = rigs.filter_at_rest(3.0, sigma=(1.0, 0.05, 1e-3))
-        kalman.stream.gyro[:] += [0.0, 0.0, np.radians(rate)]
+        kalman.stream._gyro[:] += [0.0, 0.0, np.radians(rate)]
         kalman.propagate(2.0)
         kalman.P[GYRO_BIAS, GYRO_BIAS] = np.eye(3) * np.radians(0.01) ** 2
         kalman.vel_e[:] = 0.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from certnav.datasets.series import Odometer
-from certnav.filters.error_model import GYRO_BIAS, VEL
+from certnav.filters.error_model import ACCEL_BIAS, ATT, GYRO_BIAS, VEL
 from certnav.filters.strapdown import InertialStream
 from certnav.nav.config import VehicleConfig
 from certnav.nav.engine.vehicle import VehicleConstraints
@@ -76,6 +76,27 @@ def test_a_steady_rate_may_be_bias_where_the_bias_is_unknown():
         kalman.P[GYRO_BIAS, GYRO_BIAS] = np.eye(3) * (sigma * DEG) ** 2
         kalman.bias[:3] = 0.0
         assert ("zaru" in offered(kalman)) == rest
+
+
+def braking(acceleration):
+    """A stream without any vibration that slows down steadily along its nose [m/s²]."""
+    rest = rigs.stream_at_rest(rigs.C_EN, 3.0)
+    return InertialStream(rest.edges[1:], rest.gyro, rest.accel + np.array([acceleration, 0, 0]))
+
+
+@pytest.mark.parametrize(("acceleration", "tilt", "stands"), [
+    (0.0, 0.1, True), (0.3, 0.1, True), (-1.8, 0.1, False), (0.6, 0.1, False),
+    (0.6, 2.0, True), (-1.8, 2.0, False),
+])  # fmt: skip
+def test_a_car_that_brakes_evenly_is_quiet_and_does_not_stand(acceleration, tilt, stands):
+    """Within what 0.1 m/s² and the level, known to so many degrees, explain: 4σ of both."""
+    kalman = standing(sigma_speed=0.9, stream=braking(acceleration))
+    kalman.P[ATT, ATT] = np.eye(3) * (tilt * DEG) ** 2
+    kalman.P[ACCEL_BIAS, ACCEL_BIAS] = np.eye(3) * 0.01**2
+    kalman.vel_e[:] = 0.0
+    found = offered(kalman)
+    assert ("zupt" in found) == ("zaru" in found) == stands
+    assert ("nhc" in found) == (not stands)
 
 
 def test_each_is_made_when_it_is_its_turn():

@@ -115,7 +115,8 @@ def test_known_noise_is_in_force_where_a_recording_shows_the_same(doppler):
     assert own.shown == pytest.approx((0.097, 0.036), rel=0.2)  # the simulator's
     errors, said, _ = _noise(drive, (0.15, 0.02, 1.1 * own.shown[0], own.shown[1] / 1.1))
     assert errors.doppler == (0.15, 0.02, own.doppler[2])  # the clock is its own
-    assert "0.47 m/s at 35 dB-Hz, 0.15 at 45, as known (gnss.doppler_known_mps)" in said
+    known = "in force instead, as known (gnss.doppler_known_mps): 0.47 m/s at 35 dB-Hz, 0.15 at 45"
+    assert known in said
 
 
 def test_where_it_shows_another_nothing_is_changed_and_it_is_said_how_to_insist(doppler):
@@ -127,6 +128,8 @@ def test_where_it_shows_another_nothing_is_changed_and_it_is_said_how_to_insist(
         assert "gnss.doppler_known_mps is not used: it was found where range rates show" in said
         assert "velocity_noise = 'declared', gnss.doppler_sigma_mps = 0.15" in said
     there, plain = navigate(drive, config), navigate(drive, from_tables({}))
+    assert [n.severity for n in there.notes if "doppler_known" in n.text] == ["unmet"]
+    assert there.status == plain.status == "ok"  # it is the default's run, and as good
     np.testing.assert_array_equal(there.trajectory.pos_e, plain.trajectory.pos_e)
     seen = drive.observations
     few = dataclasses.replace(drive, observations=seen.take(seen.time < drive.span[0] + 12.0))
