@@ -2,7 +2,7 @@
 
     constraints      the rotation group as quadratic equations
     quartic          the cost as a quartic of the quaternion: Gram matrices
-    fast_solver      the solver; fast_compiled (kernels, margin_kernels) or fast_numpy does its work
+    fast_solver      the solver; fast_compiled, with kernels, margin_kernels, or fast_numpy works
     exact_cost       the same questions in integers, where rounding hides the answer
     elimination      unknowns that nobody asked for, taken out of rows
     refinement       Newton's method on SO(3)
