@@ -8,13 +8,13 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from bokeh.models import ColumnDataSource, FactorRange, HoverTool, Range1d
+from bokeh.models import ColumnDataSource, FactorRange, FixedTicker, HoverTool, Range1d
 from bokeh.plotting import figure
 
 from ...filters.rotation import FloatArray
 from ..notes import clock
 from ..page.palette import INK
-from ..page.plots import Plots
+from ..page.plots import Plots, decade_marks
 from .figures import LEAST, metres, spells_by_run, style_of
 from .runs import Comparison, Run
 
@@ -40,6 +40,9 @@ def drift(comparison: Comparison, plots: Plots) -> list[figure]:
         x_axis_type="log", y_range=FactorRange(*reversed(methods)), min_border_left=10,
     )  # fmt: skip
     plot.ygrid.visible = False
+    drifts = [s.drift for m in methods for _, s in spells_by_run(comparison, m)]
+    if ticks := decade_marks(np.maximum(drifts, LEAST / 2)):
+        plot.xaxis.ticker = FixedTicker(ticks=ticks)
     for method in methods:
         found = spells_by_run(comparison, method)
         colour, _ = _look(method, comparison.methods)

@@ -16,6 +16,7 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
+import numpy as np
 from bokeh.document import Document
 from bokeh.embed import components
 from bokeh.layouts import gridplot
@@ -40,6 +41,7 @@ from bokeh.plotting import figure
 from bokeh.resources import Resources
 from bokeh.settings import settings
 
+from ...filters.rotation import FloatArray
 from .palette import INK
 
 _FONT = '"Source Sans 3", "Segoe UI", "Helvetica Neue", Helvetica, Arial, sans-serif'
@@ -240,3 +242,18 @@ def _renumbered(text: str, numbers: dict[str, str]) -> str:
         return f'"{numbers.setdefault(found[1], f"p{len(numbers) + 1}")}"'
 
     return re.sub(r'"(p\d+|[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12})"', number, text)
+
+
+def decade_marks(drawn: FloatArray) -> list[float]:
+    """Return the numbers of a logarithmic axis of few decades; none: it finds its own.
+
+    Within two decades Bokeh counts 1, 2, 3 … evenly: low values get none, high ones overlap.
+    """
+    known = drawn[np.isfinite(drawn) & (drawn > 0.0)]
+    if not known.size:
+        return []
+    low, high = np.log10([known.min(), known.max()])
+    if high - low > 2.0:
+        return []
+    decades = 10.0 ** np.arange(np.floor(low), np.ceil(high) + 1.0)
+    return [float(f"{m * d:.0e}") for d in decades for m in (1, 2, 5)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from bokeh.models import Plot, Span
 
-from ...filters.rotation import FloatArray
 from ..page.palette import BLUE, GREY, INK, ORANGE, VERMILLION
+from ..page.plots import decade_marks
 from .timeline import Timeline
 
 #: A zero has no place on a logarithmic axis.
@@ -30,7 +30,7 @@ def protection(panels: Timeline) -> list[list[Plot]]:
             *([off[k]] if evaluation.has_reference else []),
         ]
         plot = panels.panel(f"{name} [m]", f"{name.capitalize()}: {what}", logarithmic=True,
-                            ticks=_marks(np.concatenate(drawn)))  # fmt: skip
+                            ticks=decade_marks(np.concatenate(drawn)))  # fmt: skip
         panels.line(
             plot, panels.t, trajectory.protection[:, k], VERMILLION, "protection level", "m"
         )
@@ -62,18 +62,3 @@ def separation(panels: Timeline) -> list[list[Plot]]:
         plot.add_layout(Span(location=3.0, dimension="width", line_color=GREY, line_dash="dashed"))
         rows.append([plot])
     return rows
-
-
-def _marks(drawn: FloatArray) -> list[float]:
-    """Return the numbers of a logarithmic ordinate of few decades; none: it finds its own.
-
-    Within two decades Bokeh counts 1, 2, 3 … evenly: low values get none, high ones overlap.
-    """
-    known = drawn[np.isfinite(drawn) & (drawn > 0.0)]
-    if not known.size:
-        return []
-    low, high = np.log10([known.min(), known.max()])
-    if high - low > 2.0:
-        return []
-    decades = 10.0 ** np.arange(np.floor(low), np.ceil(high) + 1.0)
-    return [float(f"{m * d:.0e}") for d in decades for m in (1, 2, 5)]
