@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import NamedTuple
@@ -100,8 +101,8 @@ class Link(NamedTuple):
 
 
 def _name(text: str) -> str:
-    """Return a name that a narrow page breaks behind its underscores, not within words."""
-    return escape(text).replace("_", "_<wbr>")
+    """Return a name that a narrow page breaks behind underscore and plus, not within words."""
+    return re.sub(r"(_|\+(?=[A-Za-z]))", r"\1<wbr>", escape(text))
 
 
 def document(title: str, body: str, scripts: str = "") -> str:
