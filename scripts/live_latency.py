@@ -4,7 +4,8 @@
 
 A simulated car in streets. Every call of `add_imu` and `add_gnss` is timed by itself, in processor
 time of one thread, and told by tenths of the drive: what does not grow is the same in the first
-and in the last. An IMU sample that lets due GNSS in carries its updates. The clock of the process
+and in the last; each tenth has an IMU with turn-on biases of its own, at which a filter may be lost
+and start again. An IMU sample that lets due GNSS in carries its updates. The clock of the process
 is read to a microsecond, which is in the figures.
 """
 
