@@ -205,6 +205,9 @@ def test_one_position_per_row_equals_one_for_all(satellites):
     obs = obs.mark(np.arange(len(obs)) == 2, "test")
     one, each = doppler_rows(obs, pos_e), doppler_rows(obs, np.tile(pos_e, (len(obs), 1)))
     np.testing.assert_array_equal(one.z, each.z)
+    # Compiled for the one place, by arrays for many: the same arithmetic.
+    np.testing.assert_allclose(one.e_e, each.e_e, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(one.z_by_pos, each.z_by_pos, rtol=1e-12)
     assert 2 not in one.row and len(one) == len(obs) - 1
 
 
