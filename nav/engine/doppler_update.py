@@ -164,7 +164,7 @@ def rows_measurement(
     `antenna` is `antenna_motion` of the filter as it is, where that is known already.
     """
     antenna = antenna_motion(kalman, calibration) if antenna is None else antenna
-    return measurements.range_rates_of(
+    return measurements.range_rates(
         antenna, rows.e_e, rows.z, rows.sigma, kalman.model.clock, kalman.gnss.clock_drift,
         rows.z_by_pos, tuple(rows.sat.tolist()),
     )  # fmt: skip

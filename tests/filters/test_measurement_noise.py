@@ -16,6 +16,7 @@ from certnav.filters.earth import OMEGA_IE_E, gravity_e
 from certnav.filters.gnss_states import shared_root
 from certnav.filters.levers import VehiclePoint
 from certnav.filters.rotation import matrix_from_rpy
+from oracles import rigs
 
 DRAWS = 4000
 LEVER, OMEGA = np.array([-0.65, 0.3, -1.2]), np.array([0.02, -0.05, 0.35])
@@ -140,7 +141,7 @@ def test_range_rates(moving_state, n, clock):
 
     def measure(rng):
         z = exact + sigma * rng.standard_normal(n)
-        return measurements.range_rates(
+        return rigs.range_rates(
             moving_state, 16, e_e, z, sigma, LEVER, OMEGA, clock, drift
         )  # fmt: skip
 

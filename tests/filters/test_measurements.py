@@ -8,6 +8,7 @@ import pytest
 from certnav.filters import measurements
 from certnav.filters.error_model import POS
 from certnav.filters.levers import AntennaPoint, rate_over_earth
+from oracles import rigs
 from oracles.derivatives import central_differences, moved
 
 LEVER = np.array([-0.65, -0.05, -0.15])
@@ -62,7 +63,7 @@ def test_jacobian_of_place_and_delay_against_central_differences(moving_state, k
 def test_range_rates_know_the_antenna_as_a_velocity_does(moving_state):
     (e_e, sigma), z = satellites(5), np.array([4.0, -2.0, 7.0, 0.5, -9.0])
     whole = measurements.velocity(moving_state, 20, np.zeros(3), np.eye(3), POINT, OMEGA)
-    rows = measurements.range_rates(moving_state, 20, e_e, z, sigma, POINT, OMEGA, 19, 3.0)
+    rows = rigs.range_rates(moving_state, 20, e_e, z, sigma, POINT, OMEGA, 19, 3.0)
     along = e_e @ whole.H / sigma[:, None]
     along[:, 19] = -1.0 / sigma
     np.testing.assert_allclose(rows.H, along, atol=1e-12)
@@ -89,13 +90,13 @@ def test_range_rate_rows_are_blind_to_the_clock_and_right_in_slope(moving_state,
     e, sigma = satellites(n)
     truth = predict("velocity", moving_state, np.zeros(15))
     for drift in (0.0, 4e4):
-        m = measurements.range_rates(moving_state, 15, e, e @ truth - drift, sigma, LEVER, OMEGA)
+        m = rigs.range_rates(moving_state, 15, e, e @ truth - drift, sigma, LEVER, OMEGA)
         assert m.z.shape == (n - 1,)
         np.testing.assert_allclose(m.z, 0.0, atol=1e-6)
 
     def innovation(x):
         z = e @ predict("velocity", moving_state, x) - 12.0
-        return measurements.range_rates(moving_state, 15, e, z, sigma, LEVER, OMEGA).z
+        return rigs.range_rates(moving_state, 15, e, z, sigma, LEVER, OMEGA).z
 
     np.testing.assert_allclose(m.H, central_differences(innovation, 15), atol=1e-5)
 
@@ -106,9 +107,9 @@ def test_range_rates_know_what_the_position_does_to_them(moving_state, clock):
     e, sigma = satellites(4)
     by_pos = np.random.default_rng(4).normal(0.0, 2e-4, (4, 3))
     args = (moving_state, 20, e, np.zeros(4), sigma, LEVER, OMEGA, clock, 0.0)
-    exact, known = (measurements.range_rates(*args, g) for g in (None, by_pos))
+    exact, known = (rigs.range_rates(*args, g) for g in (None, by_pos))
     step = np.array([400.0, -300.0, 100.0])  # true − estimated
-    moved = measurements.range_rates(*args[:3], -by_pos @ step, *args[4:], None)
+    moved = rigs.range_rates(*args[:3], -by_pos @ step, *args[4:], None)
     np.testing.assert_allclose(known.H[:, POS] @ step, moved.z - exact.z, atol=1e-9)
     rest = np.delete(np.arange(20), POS)
     np.testing.assert_array_equal(known.H[:, rest], exact.H[:, rest])
@@ -118,7 +119,7 @@ def test_range_rates_of_two_satellites_are_their_difference(moving_state):
     """NIS of the pair is (Δz − e_AB·v)²/(σ_A² + σ_B²), whatever the weights."""
     e, sigma = satellites(2, seed=9)
     z = np.array([3.0, -7.0])
-    m = measurements.range_rates(moving_state, 15, e, z, sigma, LEVER, OMEGA)
+    m = rigs.range_rates(moving_state, 15, e, z, sigma, LEVER, OMEGA)
     v = predict("velocity", moving_state, np.zeros(15))
     pair = (z[0] - z[1]) - (e[0] - e[1]) @ v
     assert m.z @ m.z == pytest.approx(pair**2 / np.sum(sigma**2))
@@ -127,7 +128,7 @@ def test_range_rates_of_two_satellites_are_their_difference(moving_state):
 def test_range_rates_carry_what_least_squares_would(moving_state):
     """The information on velocity equals that of eq. (6) after its clock is eliminated."""
     e, sigma = satellites(7)
-    m = measurements.range_rates(moving_state, 15, e, np.zeros(7), sigma, np.zeros(3), OMEGA)
+    m = rigs.range_rates(moving_state, 15, e, np.zeros(7), sigma, np.zeros(3), OMEGA)
     full = np.column_stack([e, -np.ones(7)]) / sigma[:, None]
     cov = np.linalg.inv(full.T @ full)[:3, :3]
     H = m.H[:, 3:6]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,9 +26,12 @@ from certnav.datasets.simulation.simulator import (
     sample_times,
     simulate,
 )
+from certnav.filters import measurements
 from certnav.filters.earth import OMEGA_IE_E, C_en_of, gravity_e
 from certnav.filters.ekf import ErrorStateFilter
 from certnav.filters.error_model import ACCEL_BIAS, GYRO_BIAS, ErrorModel
+from certnav.filters.levers import AntennaPoint
+from certnav.filters.measurements import Measurement
 from certnav.filters.rotation import FloatArray, matrix_from_rpy
 from certnav.filters.sensors import imu_preset
 from certnav.filters.strapdown import InertialStream, NavState
@@ -53,6 +56,15 @@ def calibration(
     return Calibration(
         IMU, np.asarray(lever, dtype=float), "test", sigma, mounting_source=mounted, **more
     )
+
+
+def range_rates(
+    state: NavState, states: int, e_e: ArrayLike, z: ArrayLike, sigma: ArrayLike,
+    lever_b: ArrayLike | AntennaPoint, omega_b: ArrayLike, *more: Any, **named: Any,
+) -> Measurement:  # fmt: skip
+    """Return the range rates of an epoch for a state, its antenna and its rate."""
+    antenna = measurements.velocity(state, states, np.zeros(3), np.eye(3), lever_b, omega_b)
+    return measurements.range_rates(antenna, e_e, z, sigma, *more, **named)
 
 
 def stream_at_rest(C_eb: FloatArray, duration: float, start: float = 0.0) -> InertialStream:

@@ -17,6 +17,7 @@ from certnav.filters.measurements import Measurement
 from certnav.filters.rotation import matrix_from_rotvec, matrix_from_rpy
 from certnav.filters.sensors import imu_preset
 from certnav.filters.strapdown import InertialStream, NavState
+from oracles import rigs
 
 LEVER = np.array([-0.65, -0.05, -0.15])
 RATE = 50.0
@@ -100,7 +101,7 @@ def offered(kalman, step, rng, turn):
         e_e = (e_e / np.linalg.norm(e_e, axis=1)[:, None]) @ R.T
         z = e_e @ antenna + 300.0 + step.size * step.sigma * np.array([1.0, -0.5, 0.2, 0.0])
         sigma = np.full(4, step.sigma)
-        return measurements.range_rates(kalman.state, n, e_e, z, sigma, LEVER, kalman.omega_b)
+        return rigs.range_rates(kalman.state, n, e_e, z, sigma, LEVER, kalman.omega_b)
     if step.kind == "nhc":
         return constraints.non_holonomic(
             kalman.state, n, kalman.omega_b, VehiclePoint(np.eye(3), LEVER), (step.sigma,) * 2
