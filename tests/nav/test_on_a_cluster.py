@@ -2,6 +2,7 @@
 
 import json
 import os
+import threading
 from pathlib import Path
 
 import pytest
@@ -42,25 +43,36 @@ def drives(tmp_path_factory):
     return out
 
 
-class Killing:
-    """Progress that kills a worker that has something to do, when a first result is there."""
+class Killing(threading.Thread):
+    """Kills the first worker that has something to do, whatever else the machine is busy with."""
 
     def __init__(self, address, workers):
+        super().__init__(daemon=True)
         self.address, self.workers, self.killed = address, workers, False
+        self._over = threading.Event()
 
-    def __call__(self, fraction, what):
-        if not 0.0 < fraction < 1.0 or self.killed:
-            return
+    def __enter__(self):
         from distributed import Client
 
-        with Client(self.address, set_as_default=False) as client:
-            busy = [worker for worker, tasks in client.processing().items() if tasks]
-            pids = client.run(os.getpid, workers=busy[:1]).values() if busy else ()
-        for worker in self.workers:
-            if worker.pid in pids:
-                worker.kill()
-                worker.wait()
-                self.killed = True
+        self._client = Client(self.address, set_as_default=False)
+        self._client.wait_for_workers(len(self.workers), timeout=60)
+        self._pids = self._client.run(os.getpid)  # asked now: a busy one takes its time
+        self.start()
+        return self
+
+    def run(self):
+        while not self.killed and not self._over.wait(0.02):
+            busy = [worker for worker, tasks in self._client.processing().items() if tasks]
+            for worker in self.workers:
+                if busy and worker.pid == self._pids[busy[0]]:
+                    worker.kill()
+                    worker.wait()
+                    self.killed = True
+
+    def __exit__(self, *_):
+        self._over.set()
+        self.join()
+        self._client.close()
 
 
 def _study(drives, **where):
@@ -85,8 +97,7 @@ def test_the_same_numbers_with_a_worker_killed_in_the_middle(job, drives, tmp_pa
     monkeypatch.chdir(drives[0].parent)
     here = [Path(drive.name) for drive in drives]  # relative, and the workers are elsewhere
     expected = strict(job(here, jobs=2))
-    with sweeps.cluster(tmp_path) as (address, workers):
-        killing = Killing(address, workers)
-        found = strict(job(here, scheduler=address, progress=killing))
+    with sweeps.cluster(tmp_path) as (address, workers), Killing(address, workers) as killing:
+        found = strict(job(here, scheduler=address))
     assert killing.killed
     assert json.dumps(found, sort_keys=True) == json.dumps(expected, sort_keys=True)
